@@ -10,6 +10,7 @@ from meshes import random_sphere, with_cracks
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize._stopwatch import Stopwatch
+from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.elements import (
     Cap,
     Listener,
@@ -488,11 +489,11 @@ def test_a_regular_grid_becomes_any_number_and_keeps_its_tags(monkeypatch):
     pytest.importorskip("mmgpy")
     wanted = []
 
-    def sized(mesh, **options):
-        wanted.append(options["elements"])
-        return size_function(mesh, **options)
+    def sized(domain, request):
+        wanted.append(request.goal[1])
+        return within_budget(domain, request)
 
-    monkeypatch.setattr("adaptsize.domain_size.elements.size_function", sized)
+    monkeypatch.setattr("adaptsize.domain_size.elements.within_budget", sized)
     mesh, _ = remesh_to_elements(grid(20), 550)
     assert len(set(wanted)) == len(wanted)  # no size function is computed twice
     assert mesh.n_cells == pytest.approx(550, rel=0.05)

@@ -63,8 +63,8 @@ def test_the_time_limit_is_one_for_all_meshes(monkeypatch):
 def test_a_mesh_needs_a_tolerance_and_says_so_before_sizes_are_computed(
     monkeypatch, make, tolerance
 ):
-    for module in ("elements", "family"):
-        monkeypatch.setattr(f"adaptsize.domain_size.{module}.size_function", None)
+    for name in ("elements.within_budget", "family.size_function"):
+        monkeypatch.setattr(f"adaptsize.domain_size.{name}", None)
     square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     number = {} if make is ads.mesh_family else {"elements": 1000}
     with pytest.raises(ValueError, match="tolerance must be"):

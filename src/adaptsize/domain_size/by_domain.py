@@ -22,6 +22,8 @@ from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.walls import WallTree
 from adaptsize.limiting.problem import Scheme
 from adaptsize.quality.elements import refuse_folded
+from adaptsize.remeshing.meshed_surface import surface_to_fill
+from adaptsize.remeshing.preparation import repair_mesh
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.sizes.curvature import radius_at_curves
@@ -138,16 +140,26 @@ def limited_on_grid(
 
 
 def mesh_domain(
-    mesh: SimplexMesh, background: AnyBackground | None, crease_angle: float
+    mesh: SimplexMesh,
+    background: AnyBackground | None,
+    crease_angle: float,
+    *,
+    is_filled: bool = True,
 ) -> SizedDomain:
-    """Return the domain of a mesh, or the domain that a surface or closed polyline encloses."""
+    """Return the domain of a mesh, or the domain that a surface or closed polyline encloses.
+
+    That of a surface is bounded by what `remesh` fills.  Where it is not filled, all facets count.
+    """
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1:
         ends = np.bincount(mesh.cells.ravel(), minlength=mesh.n_points)
         if np.isin(ends, (0, 2)).all():  # closed: 250 boxes along the longest side, 6 around it
             spacing = float(np.ptp(mesh.points, axis=0).max()) / 250
             background = CartesianGrid.around(mesh.points, spacing, 6 * spacing)
-    if background is None and mesh.dim == 3 and mesh.cell_dim == 2:
-        return SurfaceDomain.of(mesh, crease_angle)
+    if mesh.dim == 3 and mesh.cell_dim == 2:
+        sound = surface_to_fill(mesh) if is_filled else repair_mesh(mesh)
+        if background is None:
+            return SurfaceDomain.of(sound.mesh, crease_angle, sound.node_map)
+        mesh = sound.mesh
     if background is not None and background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
     if mesh.dim == mesh.cell_dim == 2:

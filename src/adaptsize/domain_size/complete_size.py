@@ -22,10 +22,11 @@ from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMe
 from adaptsize.background.image import Image
 from adaptsize.background.octree import as_box
 from adaptsize.background.simplex import as_own
-from adaptsize.domain_size.budget import nearest_to_budget, within_budget
+from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
 from adaptsize.domain_size.of_image import ImageDomain
+from adaptsize.domain_size.on_surface import warn_of_left_out
 from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.request import Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
@@ -61,9 +62,10 @@ def size_function(
     Parameters
     ----------
     domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
-        A mesh of tetrahedra, or of triangles in the plane; a surface, or a closed polyline in the
-        plane, for the region it encloses; an implicit function f(points[n, dim]) -> [n], negative
-        inside; an image, or an array of labels or booleans; a grid and the signed distance there.
+        A mesh of tetrahedra, or of triangles in the plane; a surface (which is repaired), or a
+        closed polyline in the plane, for the region it encloses; an implicit function
+        f(points[n, dim]) -> [n], negative inside; an image, or an array of labels or booleans; a
+        grid and the signed distance there.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  By default the mesh itself; of a surface a copy, refined where its
         triangles are long; of a closed polyline, a level set or an image a grid; of a callable an
@@ -98,7 +100,10 @@ def size_function(
     -----
     ResolutionWarning, InputWarning
         If the parameters do not allow the number of elements, an octree would need too many leaves,
-        a source lies outside, or objects are lost or at the border of the image.
+        a source lies outside, a surface was repaired, or objects are lost or at the border of the
+        image.
+    OpenSurfaceWarning
+        If facets of a surface are inside of bodies.
 
     Notes
     -----
@@ -116,44 +121,32 @@ def size_function(
     >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
     array([0.5, 0.6])
     """
-    return _sizes(within_budget, domain, background, box, sources, h0, progress, options)
+    if isinstance(background, str) and background == "auto":
+        background = None
+    if background is not None:
+        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+
+    def find(request: Request) -> SizeFunction:
+        own = as_own(domain)
+        refuse_unused(_kind_of(own), options, " ".join(describe(own).split()))
+        with checked_before():
+            return within_budget(_as_domain(own, background, box, request), request)
+
+    return sizes_of(find, sources=sources, h0=h0, progress=progress, **options)
 
 
-def nearest_size_function(
-    domain: SimplexMesh,
+def sizes_of(
+    find: Callable[[Request], SizeFunction],
     *,
-    background: AnyBackground | Literal["auto"] | None = None,
     sources: SourcesLike | None = (),
     h0: npt.ArrayLike | Implicit | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[SizeFunctionOptions],
 ) -> SizeFunction:
-    """Return what `size_function` does; where that refuses, the sizes with the fewest elements."""
-    return _sizes(nearest_to_budget, domain, background, None, sources, h0, progress, options)
-
-
-def _sizes(
-    find: Callable[[SizedDomain, Request], SizeFunction],
-    domain: Domain,
-    background: AnyBackground | Literal["auto"] | None,
-    box: tuple[npt.ArrayLike, npt.ArrayLike] | None,
-    sources: SourcesLike | None,
-    h0: npt.ArrayLike | Implicit | None,
-    progress: ProgressCallback | bool | None,
-    options: SizeFunctionOptions,
-) -> SizeFunction:
-    """Return the sizes that are found for a domain and a request, after all checks."""
-    if isinstance(background, str) and background == "auto":
-        background = None
-    if background is not None:
-        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    """Return the sizes that a function finds for a request, whose options are checked."""
     given = checked(SizeFunctionOptions, options)
     with reporting(progress) as listener:
-        request = Request.of(given, sources, h0, listener)
-        domain = as_own(domain)
-        refuse_unused(_kind_of(domain), options, " ".join(describe(domain).split()))
-        with checked_before():
-            return find(_as_domain(domain, background, box, request), request)
+        return find(Request.of(given, sources, h0, listener))
 
 
 def _kind_of(domain: object) -> str:
@@ -171,6 +164,8 @@ def _as_domain(
         got = describe(domain if background is None else background)
         raise refusal("box", f"applies to functions without a background, got it with {got}")
     if isinstance(domain, SimplexMesh):
+        if domain.dim == 3 and domain.cell_dim == 2:
+            warn_of_left_out(domain)
         return mesh_domain(domain, background, request.crease_angle)
     if callable(domain):
         return _implicit_domain(domain, background, box, request.progress)

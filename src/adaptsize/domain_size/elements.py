@@ -26,11 +26,18 @@ from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size import tuning
 from adaptsize.domain_size.across_sides import limited_across_sides
-from adaptsize.domain_size.budget import predicted_number, what_controls
-from adaptsize.domain_size.complete_size import nearest_size_function, size_function
+from adaptsize.domain_size.budget import (
+    nearest_to_budget,
+    predicted_number,
+    what_controls,
+    within_budget,
+)
+from adaptsize.domain_size.by_domain import SizedDomain, mesh_domain
+from adaptsize.domain_size.complete_size import sizes_of
 from adaptsize.domain_size.goals import Goal, goal_of
 from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.reports import report_of
+from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.unknowns import as_bytes, memory_on, unknowns_on
 from adaptsize.errors import (
     BackendError,
@@ -46,12 +53,15 @@ from adaptsize.remeshing import tuning as of_remeshing
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import Remeshed, check_backend, remeshed
-from adaptsize.remeshing.preparation import repair_mesh
+from adaptsize.remeshing.job import task_of
+from adaptsize.remeshing.protocol import Task
 from adaptsize.sizes.search import Search, Trial
 from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
 
 _LOGGER = logging.getLogger(__name__)
+#: The task in which a surface becomes tetrahedra.
+_FILLED: Task = "surface to tetrahedra"
 
 
 class MeshOfElements(NamedTuple):
@@ -276,6 +286,8 @@ class Maker:
     listener: Listener
     progress: ProgressCallback | bool | None
     time: Stopwatch = field(default_factory=lambda: Stopwatch(None))
+    domains: dict[float, SizedDomain] = field(default_factory=dict)
+    """The domain of the sizes by the crease angle, once it is needed."""
 
     @classmethod
     def of(
@@ -303,7 +315,7 @@ class Maker:
 
     def sized(self, **number: float) -> SizeFunction:
         """Return the sizes for another number than the one in the request, or for that."""
-        return self._shown(self._computed(size_function, {**self.for_sizes, **number}))
+        return self._shown(self._computed(within_budget, {**self.for_sizes, **number}))
 
     def nearest_sized(self, cap: Cap, ratio: float) -> SizeFunction:
         """Return the sizes within a cap, or the nearest that are possible.
@@ -315,7 +327,7 @@ class Maker:
             given["max_elements"] = max(cap.elements / ratio, 1.0)
         if cap.memory is not None:
             given["max_memory"] = f"{as_bytes(cap.memory) / ratio:.0f}B"
-        size = self._computed(nearest_size_function, given)
+        size = self._computed(nearest_to_budget, given)
         report = report_of(size)
         report = replace(
             report, n_elements=ratio * report.n_elements, n_nodes=ratio * report.n_nodes
@@ -323,20 +335,35 @@ class Maker:
         return self._shown(replace(size, report=report))
 
     def _computed(
-        self, compute: Callable[..., SizeFunction], given: Mapping[str, Any]
+        self,
+        choose: Callable[[SizedDomain, Request], SizeFunction],
+        given: Mapping[str, Any],
     ) -> SizeFunction:
-        """Return sizes, in a periodic domain those that are limited across its sides.
+        """Return sizes, in a periodic domain those that are limited across its sides."""
 
-        A surface gets the sizes of the repaired one, which is what is meshed: a crack between
-        facets that nearly meet is no narrow gap.
-        """
-        mesh, motions = self.mesh, self.for_mesh.get("periodic")
-        if mesh.cell_dim == 2 and mesh.dim == 3 and repair_mesh(mesh).repairs:
-            mesh, given = repair_mesh(mesh).mesh, {**given, "h0": _on_repaired(mesh, given)}
-        compute = partial(compute, mesh, progress=self.progress)
+        def find(request: Request) -> SizeFunction:
+            with checked_before():
+                return choose(self._domain(request.crease_angle), request)
+
+        options = {name: value for name, value in given.items() if name != "background"}
+        compute = partial(sizes_of, find, progress=self.progress)
+        motions = self.for_mesh.get("periodic")
         if motions is None:
-            return compute(**given)
-        return limited_across_sides(mesh, motions, compute, given)
+            return compute(**options)
+        return limited_across_sides(self.mesh, motions, compute, options)
+
+    def _domain(self, crease_angle: float) -> SizedDomain:
+        """Return the domain of the sizes, the same one for all meshes.
+
+        That of a surface is what is meshed: a crack between facets that nearly meet is no narrow
+        gap, and facets inside of bodies bound no sizes where these are filled.
+        """
+        if crease_angle not in self.domains:
+            is_filled = task_of(self.mesh, self.for_mesh.get("target", "auto")) == _FILLED
+            self.domains[crease_angle] = mesh_domain(
+                self.mesh, self.for_sizes.get("background"), crease_angle, is_filled=is_filled
+            )
+        return self.domains[crease_angle]
 
     def _shown(self, size: SizeFunction) -> SizeFunction:
         self.listener.show(size)
@@ -382,17 +409,6 @@ def _made(size: SizeFunction, make: Callable[[], Remeshed]) -> MadeMesh:
         raise
     later = None if new.attempts.later is None else partial(_made, size, new.completed)
     return MadeMesh(new.mesh, size, new.attempts, warned=held, elements=new.elements, later=later)
-
-
-def _on_repaired(mesh: SimplexMesh, given: Mapping[str, Any]) -> Any:
-    """Return the bound h0 of a surface at the nodes of the repaired one, where it is nodal."""
-    h0 = given.get("h0")
-    if h0 is None or callable(h0) or np.shape(h0) != (mesh.n_points,):
-        return h0
-    nodes = repair_mesh(mesh).node_map
-    bound = np.full(repair_mesh(mesh).mesh.n_points, np.inf)
-    np.minimum.at(bound, nodes[nodes >= 0], np.asarray(h0, np.float64)[nodes >= 0])
-    return bound
 
 
 def within_cap(maker: Maker, cap: Cap) -> MadeMesh:

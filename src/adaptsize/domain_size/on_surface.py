@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._checks import place_text, warn_caller
+from adaptsize._checks import as_sizes, place_text, warn_caller
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
@@ -26,8 +27,10 @@ from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
+from adaptsize.geometry.solid import Solid
 from adaptsize.geometry.width import Width
-from adaptsize.remeshing.surface_checks import overlapping_bodies
+from adaptsize.remeshing.preparation import repair_mesh
+from adaptsize.remeshing.surface_checks import inner_facets, overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
@@ -41,21 +44,22 @@ class SurfaceDomain:
     mesh: SimplexMesh
     """Its nodes and cells ordered by their places."""
     nodes: IndexArray
-    """The node of the given surface at each node."""
+    """The node of the surface without defects at each node."""
     overlaps: bool
     """Whether bodies of the surface overlap, or intersect themselves."""
     crease_angle: float
     """Degrees."""
+    node_map: IntArray | None = None
+    """The node of the surface without defects for each given one, -1 for those left out; None: the
+    surface had none."""
 
     @classmethod
-    def of(cls, mesh: SimplexMesh, crease_angle: float) -> SurfaceDomain:
-        """Return the solid, and warn if bodies of the surface overlap."""
-        overlapping = overlapping_bodies(mesh)
+    def of(
+        cls, mesh: SimplexMesh, crease_angle: float, node_map: IntArray | None = None
+    ) -> SurfaceDomain:
+        """Return the solid of a surface without defects."""
         ordered, nodes = ordered_by_place(mesh)
-        if overlapping is not None:
-            text = f"{overlapping}; facets inside of bodies do not bound the sizes"
-            warn_caller(text, OpenSurfaceWarning)
-        return cls(ordered, nodes, overlapping is not None, crease_angle)
+        return cls(ordered, nodes, overlapping_bodies(mesh) is not None, crease_angle, node_map)
 
     @cached_property
     def enclosed(self) -> Enclosed:
@@ -90,7 +94,7 @@ class SurfaceDomain:
         the other the longer one for ever: this ends once a few edges are no shorter.
         """
         if request.h0 is not None and not callable(request.h0):
-            request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
+            request = replace(request, h0=self._at_nodes(request.h0))
         surface = RefinedSurface.of(self, request)
         allowed = tuning.SHARE_ON_SURFACE * request.max_elements
         max_nodes = float(tuning.MOST_NODES_OF_SOURCES)
@@ -112,8 +116,17 @@ class SurfaceDomain:
                 return surface.size_of(limited)
             surface = surface.split(long, request)
 
+    def _at_nodes(self, h0: npt.ArrayLike) -> FloatArray:
+        """Return bounds at given nodes as those at the nodes, the least one of joined nodes."""
+        if self.node_map is None:
+            return bound_at_nodes(h0, self.mesh)[self.nodes]
+        given = as_sizes("h0", h0, self.node_map.shape)
+        bounds = np.full(len(self.nodes) + 1, np.inf)  # the last one is that of nodes left out
+        np.minimum.at(bounds, self.node_map, given)
+        return bounds[self.nodes]
+
     def in_given_order(self, size: SizeFunction) -> SizeFunction:
-        """Return the sizes with the nodes of the given surface first, in their order.
+        """Return the sizes with the nodes of the surface without defects first, in their order.
 
         Sizes at the nodes are lowered to those that cells around them allow through the solid.
         """
@@ -207,6 +220,22 @@ class SurfaceDomain:
         nodal = np.full(n, np.inf)
         nodal[at] = self.separation.at(which, report) / self.faces.frame.scale
         return nodal
+
+
+def warn_of_left_out(surface: SimplexMesh) -> None:
+    """Warn of defects of a surface that were repaired, and of facets that bound no sizes.
+
+    Warns
+    -----
+    InputWarning, OpenSurfaceWarning
+    """
+    repaired = repair_mesh(surface)
+    if repaired.repairs:
+        warn_caller(repaired.repairs, InputWarning)
+    found = overlapping_bodies(repaired.mesh) or inner_facets(Solid.of(repaired.mesh))
+    if found is not None:
+        text = f"{found}; facets inside of bodies do not bound the sizes"
+        warn_caller(text, OpenSurfaceWarning)
 
 
 def warn_of_outside(domain: SurfaceDomain, sources: Sequence[Any], g: float) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._kernels.contacts import CORNERS, Contacts, Pieces, divide_facets, list_contacts
 from adaptsize._kernels.trees import DEPTH
+from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
 from adaptsize.background.merging import first_at_place
@@ -148,6 +149,11 @@ class Solid:
         #: Whether the surface has no holes, so that winding numbers are integers.
         self.is_closed = self.rule.is_closed
         self.winding = WindingNumber(self._outline)
+
+    @classmethod
+    def of(cls, surface: SimplexMesh) -> Solid:
+        """Return the solid of a surface, which is kept with it: all refer to the same one."""
+        return once(surface, "_solid", lambda: cls(surface))
 
     @cached_property
     def _sides(self) -> Sides:

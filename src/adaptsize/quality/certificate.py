@@ -364,7 +364,7 @@ class _Domain(NamedTuple):
     def of(cls, original: SimplexMesh, mesh: SimplexMesh, solid: Solid | None) -> _Domain:
         """Return the domain of the original; ``solid``: what it encloses, if known."""
         if mesh.cell_dim == 3 and original.cell_dim == 2:
-            solid = Solid(original) if solid is None else solid
+            solid = Solid.of(original) if solid is None else solid
             return cls(solid.skin, solid.is_closed, original.diagonal, solid)
         boundary = skin_of(original)[0]
         return cls(boundary, boundary.is_closed, original.diagonal, solid)

@@ -497,7 +497,7 @@ def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
             f"got {surface!r} for {mesh!r}"
         )
     if mesh.cell_dim == 3 and surface.cell_dim == 2:
-        away = distances_from_solid(mesh.boundary().mesh, Solid(surface), np.inf)[0]
+        away = distances_from_solid(mesh.boundary().mesh, Solid.of(surface), np.inf)[0]
         return max(found.largest for found in away)
     skin = mesh if mesh.cell_dim == surface.cell_dim else mesh.boundary().mesh
     return max(distances_from(skin, surface).largest, distances_from(surface, skin).largest)

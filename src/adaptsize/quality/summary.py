@@ -105,7 +105,7 @@ def _enclosed(mesh: SimplexMesh) -> tuple[float | None, int]:
     """Return the volume that a surface in space encloses, and the number of flipped facets."""
     if (mesh.cell_dim, mesh.dim) != (2, 3) or mesh.diagonal == 0.0:
         return None, 0
-    solid = Solid(mesh)
+    solid = Solid.of(mesh)
     volume = solid.volume if solid.is_closed else None
     return volume, int(np.count_nonzero(solid.flipped))
 

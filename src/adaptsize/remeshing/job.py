@@ -39,13 +39,13 @@ from adaptsize.remeshing.delivery import warn_of_unconnected
 from adaptsize.remeshing.filling import FILLS_MORE, NOT_ADAPTED, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.meshed_surface import surface_to_fill
 from adaptsize.remeshing.planning import Attempt, Known, plan
 from adaptsize.remeshing.preparation import (
     Frame,
     RepairedMesh,
     repair_mesh,
     restore,
-    surface_to_fill,
 )
 from adaptsize.remeshing.protocol import TASKS, Backend, Enclosing, MeshingProblem, Task
 from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
@@ -93,9 +93,9 @@ def prepared(
         warn_caller(repaired.repairs, InputWarning)
     solid, may_be_joined, old = None, False, repaired.mesh
     if task == "surface to tetrahedra":
-        solid = Solid(old)
+        solid = Solid.of(old)
         may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
-        repaired = surface_to_fill(repaired, solid)
+        repaired = surface_to_fill(mesh)
     requests = Requests(
         task, repaired.mesh, Frame.around(old),
         RequestedSizes(
@@ -349,8 +349,8 @@ def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -
     if problem.task != "surface to tetrahedra":
         return predict(problem.mesh, problem.sizes_at_nodes).cells
     if isinstance(size, SizeFunction) and size.report is not None:
-        nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
-        if np.array_equal(nodes, mesh.points):
+        nodes = surface_to_fill(mesh).mesh.points  # the first ones of its refined copy
+        if np.array_equal(size.background.points[: len(nodes)], nodes):
             return size.report.n_elements
     # So many points are enough to find out whether there are too many elements.
     return predict(Enclosed(problem.mesh, 1000), problem.sizes).cells

@@ -22,7 +22,6 @@ from adaptsize.background.topology import (
 )
 from adaptsize.errors import BackendError
 from adaptsize.geometry.repair import Repair, repair_triangles
-from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task, mesh_of
@@ -127,42 +126,6 @@ def _without_unused_nodes(
         tag_names=mesh.tag_names,
     )
     return RepairedMesh(repaired, nodes.astype(np.int32), node_map)
-
-
-def surface_to_fill(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
-    """Return a surface with normals outward, without the facets inside of the solid.
-
-    If bodies overlap it is the boundary of their union.  All facets stay if that could not be made,
-    or if edges of the surface have tags.
-    """
-    mesh, kept = repaired.mesh, ~solid.hidden
-    is_whole = solid.is_divided or not solid.is_closed or not kept.any()
-    if solid.is_divided and solid.skin.is_closed and mesh.tagged_facets is None:
-        known = solid.nodes_of_skin
-        nodes = np.where(known >= 0, repaired.nodes[known], -1)
-        place = np.full(mesh.n_points + 1, -1, np.int32)
-        place[known] = np.arange(len(known))
-        place[-1] = -1
-        node_map = place[repaired.node_map]
-        return RepairedMesh(solid.skin, nodes.astype(np.int32), node_map, repaired.repairs)
-    if is_whole or kept.all():
-        return repaired._replace(mesh=replace(mesh, cells=solid.cells))
-    nodes, cells = compacted(solid.cells[kept])
-    place = np.append(places_among(nodes, mesh.n_points), np.int32(-1))
-    edges = tags = None
-    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
-        edges = place[mesh.tagged_facets]
-        good = (edges >= 0).all(axis=1)
-        edges, tags = edges[good], mesh.facet_tags[good]
-    outer = SimplexMesh(
-        mesh.points[nodes],
-        cells,
-        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
-        tagged_facets=edges,
-        facet_tags=tags,
-        tag_names=mesh.tag_names,
-    )
-    return RepairedMesh(outer, repaired.nodes[nodes], place[repaired.node_map], repaired.repairs)
 
 
 def as_problem(

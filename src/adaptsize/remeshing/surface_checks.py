@@ -376,7 +376,7 @@ def doubts(
             "bodies before meshing to keep what is meant"
         )
         yield "overlapping_bodies", overlapping, f"{overlapping}; {text}"
-    solid = Solid(merged_surface(surface)) if solid is None else solid
+    solid = Solid.of(merged_surface(surface)) if solid is None else solid
     inner = inner_facets(solid)
     if inner is not None:
         text = (

@@ -342,5 +342,5 @@ def _change(new: SimplexMesh, old: SimplexMesh, check: MeshCheck) -> float | Non
         ]
         if found:
             return found[0]
-        before = Solid(old).volume
+        before = Solid.of(old).volume
     return float(new.measures.sum() / before - 1.0) if before > 0.0 else None

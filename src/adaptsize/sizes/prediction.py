@@ -93,7 +93,7 @@ class Enclosed:
             raise ValueError(f"surface must consist of triangles in space, got {surface}")
         self.surface = surface
         self._n_points = as_whole_number("n_points", n_points, lower=1, upper=10**7)
-        solid = Solid(surface)
+        solid = Solid.of(surface)
         self._solid = solid
         # Only a closed surface has the same winding number in all of a cube that it leaves alone.
         self._is_closed = solid.is_closed
