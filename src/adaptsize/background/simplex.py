@@ -31,6 +31,8 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 _Result = TypeVar("_Result")
 # Cells per chunk of a thread that measures them, some milliseconds.
 _CELLS_TO_MEASURE = 1 << 14
+# Height of a triangle over the length of a side, up to which it is flat.
+_FLAT = 1e-14
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
@@ -247,7 +249,10 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
         measures = np.empty(self.n_cells)
 
         def fill(first: int, last: int) -> None:
-            fill_measures(self.points, self.cells[first:last], measures[first:last])
+            if self.cell_dim == self.dim == 2:
+                measures[first:last] = _areas(self.points[self.cells[first:last]])
+            else:
+                fill_measures(self.points, self.cells[first:last], measures[first:last])
 
         in_all_threads(fill, self.n_cells, _CELLS_TO_MEASURE)
         return arrays.read_only(measures)
@@ -422,6 +427,18 @@ def facets_with_normals(
         )
         tags = every[mesh.cell_facets[cell, opposite]]
     return cell, opposite, facets, tags
+
+
+def _areas(corners: FloatArray) -> FloatArray:
+    """Return the areas of triangles in the plane, 0 of flat ones, as `fill_measures` does.
+
+    The kernel, for cells of any dimension, takes five times as long.
+    """
+    a, b = (corners[:, v] - corners[:, 0] for v in (1, 2))
+    (ax, ay), (bx, by) = a.T, b.T
+    twice = np.abs(ax * by - ay * bx)
+    squares = (ax * ax + ay * ay) * (bx * bx + by * by)
+    return np.where(twice > _FLAT * np.sqrt(squares), 0.5 * twice, 0.0)
 
 
 def _signed_measures(corners: FloatArray) -> FloatArray:
