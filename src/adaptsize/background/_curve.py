@@ -15,7 +15,7 @@ from adaptsize._kernels.ordering import (
 )
 from adaptsize._kernels.trees import LEAF, Tree, fill_boxes, fill_boxes_of_cells
 from adaptsize._workers import Workers
-from adaptsize.background._mesh_arrays import bounding_box, read_only
+from adaptsize.background._mesh_arrays import bounding_box, centroids, read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Points per chunk of a thread, some milliseconds, and per bucket, which fits into the cache.
@@ -94,17 +94,14 @@ def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
     """
     cells = np.array(cells)  # kernels are compiled once more for read-only ones
     # Axes along which all is in one place do not change the order.
-    columns = [np.ascontiguousarray(x) for x in points.T if (x != x[0]).any()] or [points[:, 0]]
-    corners = cells.T
-    centroids = np.column_stack(
-        [sum(x[nodes] for nodes in corners) / len(corners) for x in columns]
-    )
-    along = along_curve(centroids)
+    columns = [x for x in points.T if (x != x[0]).any()] or [points[:, 0]]
+    middles = centroids(np.column_stack(columns), cells)
+    along = along_curve(middles)
     n_leaves = 1
     while 4 * n_leaves < len(cells):
         n_leaves *= 2
     order = np.arange(len(cells))
-    sort_for_tree(centroids[along], n_leaves, order)
+    sort_for_tree(middles[along], n_leaves, order)
     order = along[order].astype(np.int64)
     cells, boxes = cells[order], np.empty((2 * n_leaves, 6))
     fill_boxes_of_cells(read_only(points), read_only(cells), boxes)

@@ -31,6 +31,8 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 _Result = TypeVar("_Result")
 # Cells per chunk of a thread that measures them, some milliseconds.
 _CELLS_TO_MEASURE = 1 << 14
+# What is kept with a mesh and follows from cells and tags alone, see `once`.
+_WITHOUT_PLACES = ("in_a_cell", "_facets_that_stay", "_repeated_cells")
 # Height of a triangle over the length of a side, up to which it is flat.
 _FLAT = 1e-14
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -276,8 +278,7 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     @cached_property
     def edge_lengths(self) -> FloatArray:
         """Length of each edge in ``edges``, float64[n_edges]."""
-        i, j = self.edges.T
-        return arrays.read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
+        return arrays.read_only(arrays.lengths(self.points, self.edges))
 
     @property
     def facets(self) -> IntArray:
@@ -400,6 +401,9 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
         if new.points.shape != self.points.shape:
             raise ValueError(f"points must have shape {self.points.shape}, got {new.points.shape}")
         new.__dict__["_topology"] = self._topology
+        for name in _WITHOUT_PLACES:
+            if name in self.__dict__:
+                new.__dict__[name] = self.__dict__[name]
         return new
 
 
