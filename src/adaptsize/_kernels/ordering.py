@@ -142,22 +142,25 @@ def fill_tiles(shape, tile, order):
 
 
 @inner
-def _select(keys, axis, order, middle):
+def _select(keys, axis, order, span, middle):
     """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
 
-    ``keys``: float64[m, 3], of which one column, ``axis``, counts; ``order``: In/Out.
+    ``keys``: float64[m, dim], of which one column, ``axis``, counts; ``span``: the first and the
+    last place.  In/Out: ``keys`` and ``order``.
     """
-    low, high = 0, order.shape[0] - 1
+    low, high = span
     while low < high:
-        pivot = keys[order[(low + high) // 2], axis]
+        pivot = keys[(low + high) // 2, axis]
         i, j = low, high
         while i <= j:
-            while keys[order[i], axis] < pivot:
+            while keys[i, axis] < pivot:
                 i += 1
-            while keys[order[j], axis] > pivot:
+            while keys[j, axis] > pivot:
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
+                for d in range(keys.shape[1]):
+                    keys[i, d], keys[j, d] = keys[j, d], keys[i, d]
                 i += 1
                 j -= 1
         if middle <= j:
@@ -177,13 +180,14 @@ def sort_for_tree(centroids, n_leaves, order):
 
     Parameters
     ----------
-    centroids : float64[m, 3]
+    centroids : float64[m, dim]
+        In/Out.  Centroids along a space-filling curve are faster.
     n_leaves : int
         Power of 2, at most m.
     order : int64[m]
-        In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
+        In/Out: numbers of the cells.
     """
-    m = centroids.shape[0]
+    m, dim = centroids.shape
     for node in range(1, n_leaves):
         width = n_leaves  # number of leaves under the node
         level = node
@@ -194,13 +198,14 @@ def sort_for_tree(centroids, n_leaves, order):
         first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
         axis = np.int64(0)  # callees would be compiled for a literal, too
         longest = -1.0
-        for d in range(3):
+        for d in range(dim):
             lower = math.inf
             upper = -math.inf
             for place in range(first, last):
-                lower = min(lower, centroids[order[place], d])
-                upper = max(upper, centroids[order[place], d])
+                lower = min(lower, centroids[place, d])
+                upper = max(upper, centroids[place, d])
             if upper - lower > longest:
                 axis = d
                 longest = upper - lower
-        _select(centroids, axis, order[first:last], (leaf + width // 2) * m // n_leaves - first)
+        middle = (leaf + width // 2) * m // n_leaves
+        _select(centroids, axis, order, (first, last - 1), middle)

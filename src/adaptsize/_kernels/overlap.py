@@ -273,3 +273,52 @@ def fill_overlaps(old, front, new, which, work, overlaps, members, axes):
         if whole:
             n_nodes[c] = n_used - first
     return which.shape[0], used, n_used
+
+
+@lean_kernel
+def fill_rows(rings, cells, members, nodes, slot, rows):
+    """Sum integrals over cells to the rows of the mixed mass matrix, one for each new node.
+
+    Parameters
+    ----------
+    rings : tuple of int32[n + 1], int32[m * k]
+        The new cells around each node.
+    cells : int32[m, k]
+        The new cells.
+    members : tuple of int64[m], int64[m], int32[used], float64[used, k]
+        For each new cell the first and the number of its rows in those that follow: old nodes, and
+        the integrals of `fill_overlaps`.
+    nodes : tuple of int
+        The first and the last new node to process.
+    slot : int64[n_old]
+        Scratch.
+    rows : tuple of int64[last - first], int32[room], float64[room]
+        Out: the number of entries of each row; their columns and values.
+
+    Returns
+    -------
+    int
+        Number of entries.
+    """
+    (ring_ptr, ring), (counts, columns, values) = rings, rows
+    first_row, n_rows, node_of, products = members
+    used = np.int64(0)
+    for i in range(nodes[0], nodes[1]):
+        first = used
+        for at in range(ring_ptr[i], ring_ptr[i + 1]):
+            c = ring[at]
+            v = 0
+            while cells[c, v] != i:
+                v += 1
+            for row in range(first_row[c], first_row[c] + n_rows[c]):
+                node = node_of[row]
+                place = slot[node]
+                if place < first or place >= used or columns[place] != node:
+                    place = used
+                    slot[node] = place
+                    columns[place] = node
+                    values[place] = 0.0
+                    used += 1
+                values[place] += products[row, v]
+        counts[i - nodes[0]] = used - first
+    return used

@@ -93,6 +93,35 @@ def fill_boxes(lower, upper, value, boxes):
             boxes[b, 2 * dim] = min(boxes[b, 2 * dim], value[k])
 
 
+@lean_kernel
+def fill_boxes_of_cells(points, cells, boxes):
+    """Fill the boxes of a tree over cells.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, k]
+        In the order of the tree.
+    boxes : float64[2 * n_leaves, 6]
+        Out.
+    """
+    (m, k), n_leaves = cells.shape, boxes.shape[0] // 2
+    boxes[0] = 0.0
+    for b in range(2 * n_leaves - 1, 0, -1):
+        first, last = (b - n_leaves) * m // n_leaves, (b - n_leaves + 1) * m // n_leaves
+        for d in range(3):
+            lower, upper = math.inf, -math.inf
+            if b < n_leaves:
+                lower = min(boxes[2 * b, d], boxes[2 * b + 1, d])
+                upper = max(boxes[2 * b, 3 + d], boxes[2 * b + 1, 3 + d])
+            else:
+                for c in range(first, last):
+                    for v in range(k):
+                        lower = min(lower, points[cells[c, v], d])
+                        upper = max(upper, points[cells[c, v], d])
+            boxes[b, d], boxes[b, 3 + d] = lower, upper
+
+
 def new_stack() -> Stack:
     """Return scratch for one thread."""
     return Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes_at, refuse_where
 from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background._mesh_arrays import lengths
 from adaptsize.background.migration import is_counted_here
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.simplex import as_mesh
@@ -213,7 +214,7 @@ def pieces_of(points: FloatArray, edges: IntArray, requested: Requested) -> Floa
     # The mean of 1/h over the mean's inverse is artanh(x) / x.
     near = half < 1e-4
     growth = np.where(near, 1.0, np.arctanh(half) / np.where(near, 1.0, half))
-    return np.asarray(np.linalg.norm(points[i] - points[j], axis=1) / mean * growth)
+    return np.asarray(lengths(points, edges) / mean * growth)
 
 
 class Present(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -66,7 +66,12 @@ class MetricRequest(CycleRequest):
         """Return the metric for the tolerance, or the one that is requested."""
         return self._finished(mesh, self._wanted(mesh, None))
 
-    def of_number(self, mesh: SimplexMesh, number: float) -> Metric:
+    def of_number(
+        self,
+        mesh: SimplexMesh,
+        number: float,
+        corrected: Callable[[Metric, float], float] | None = None,
+    ) -> Metric:
         """Return the metric scaled such that the number of simplices is ``number``, within 3 %.
 
         Each time the scale is corrected, the metric is limited anew.

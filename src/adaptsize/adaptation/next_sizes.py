@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -31,12 +30,12 @@ from adaptsize.limiting.periodic import Periodicity
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
 from adaptsize.quality.by_place import BAND
-from adaptsize.sizes.budget import count_elements, present_sizes
+from adaptsize.sizes.budget import present_sizes
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
+from adaptsize.sizes.limited import Corrected, Limit, Limited, limited, sizes_for_number
 from adaptsize.sizes.prediction import predict
-from adaptsize.sizes.search import scale_to
 from adaptsize.typing import BoolArray, FloatArray, GradientLimit
 
 #: Types that ``adapt`` accepts as ``h0``.
@@ -116,8 +115,14 @@ class CycleRequest:
         """Return the sizes for the tolerance, or those that are requested."""
         raise NotImplementedError
 
-    def of_number(self, mesh: Any, number: float) -> Requested:
-        """Return the sizes for a number of regular simplices."""
+    def of_number(
+        self, mesh: Any, number: float, corrected: Callable[[Any, float], float] | None = None
+    ) -> Requested:
+        """Return the sizes for a number of regular simplices.
+
+        ``corrected`` takes sizes of about this number, and theirs, and returns another one, which
+        then counts.
+        """
         raise NotImplementedError
 
     def next(
@@ -126,36 +131,38 @@ class CycleRequest:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell.
 
         ``made`` returns the number of cells that it makes of this mesh with sizes, if that is known
-        better.  Sizes for a requested number are then corrected once.
+        better.
 
         Raises
         ------
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        found = _counted(mesh, self._for_goal(mesh, factor), factor)
-        target = self.options["elements"]
+        target, factors = self.options["elements"], [factor]
         if made is None or target is None:
-            return found
-        if abs(found.predicted / target - 1.0) > tuning.REACHED_EXACTLY:
-            return found  # limits do not allow it, or the tolerance needs fewer
-        factor_here = made(found.at_nodes) / found.simplices
-        if abs(factor_here / factor - 1.0) <= tuning.CORRECTED_FROM:
-            return found
-        return self.for_number(mesh, target / factor_here, factor_here)
+            return _counted(mesh, self._for_goal(mesh, factor), factor)
+
+        def corrected(sizes: Requested, number: float) -> float:
+            factors.append(made(sizes) / number)
+            return target / factors[-1]
+
+        sizes = self._for_goal(mesh, factor, corrected)
+        return _counted(mesh, sizes, factors[-1])
 
     def for_number(self, mesh: AnyMesh, number: float, factor: float) -> NextSizes:
         """Return the sizes for a number of regular simplices; see `next`."""
         return _counted(mesh, self.of_number(mesh, max(number, 1.0)), factor)
 
-    def _for_goal(self, mesh: AnyMesh, factor: float) -> Requested:
+    def _for_goal(
+        self, mesh: AnyMesh, factor: float, corrected: Callable[[Any, float], float] | None = None
+    ) -> Requested:
         """Return the sizes for the tolerance, or those for the number if it allows no more."""
         target = self.options["elements"]
         if target is None or self.options["tolerance"] is not None:
             sizes = self.without_number(mesh)
             if target is None or factor * count_simplices(mesh, sizes) <= target:
                 return sizes
-        return self.of_number(mesh, max(target / factor, 1.0))
+        return self.of_number(mesh, max(target / factor, 1.0), corrected)
 
 
 def _counted(mesh: AnyMesh, sizes: Requested, factor: float) -> NextSizes:
@@ -197,12 +204,16 @@ class SizeRequest(CycleRequest):
             return np.zeros(mesh.n_points, np.bool_)
         return np.asarray(np.isfinite(self.chords))
 
-    def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
-        """Apply bounds and limits."""
-        held = self._held(h)
-        if self.g is not None:
-            return limit_gradient(mesh, held, self.g, periodic=self.motions)
-        return held if self.cell is None else self.cell.least(held)
+    def _limit(self, mesh: AnyMesh) -> Limit:
+        """Return what applies bounds and limits."""
+        g, cell = self.g, self.cell
+
+        def limit(bound: FloatArray) -> Limited:
+            if g is not None:
+                return limited(mesh, bound, g, self.motions)
+            return Limited.free(bound if cell is None else cell.least(bound))
+
+        return Limit(self._held, limit)
 
     def _held(self, h: FloatArray) -> FloatArray:
         """Apply bounds."""
@@ -230,18 +241,20 @@ class BoundRequest(SizeRequest):
 
     def without_number(self, mesh: AnyMesh) -> FloatArray:
         """Return the sizes that are requested."""
-        return self._finished(mesh, _free(mesh))
+        return self._limit(mesh)(_free(mesh))
 
-    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
+    def of_number(
+        self,
+        mesh: AnyMesh,
+        number: float,
+        corrected: Corrected | None = None,
+    ) -> FloatArray:
         """Return the sizes for a number of regular simplices: the bounds are scaled."""
-        bound, d = _free(mesh) if self.h0 is None else self.h0, mesh.cell_dim
-        scaled = replace(self, h0=None)
-        start = count_elements(mesh, scaled._finished(mesh, bound))
-        first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
-        return scale_to(
-            number, lambda s: scaled._finished(mesh, s * bound), partial(count_elements, mesh),
-            first, d, tuning.ACCURACY,
-        )  # fmt: skip
+        bound = _free(mesh) if self.h0 is None else self.h0
+        limit = replace(self, h0=None)._limit(mesh)
+        return sizes_for_number(
+            mesh, number, lambda s: s * bound, limit, 1.0, tuning.ACCURACY, corrected=corrected
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,20 +305,29 @@ class ErrorRequest(SizeRequest):
         goals = [max(goal, error / self.largest_step) for error in self._errors(mesh)]
         return self._from_error(mesh, {"tolerance": goal}, goals)
 
-    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
+    def of_number(
+        self,
+        mesh: AnyMesh,
+        number: float,
+        corrected: Corrected | None = None,
+    ) -> FloatArray:
         """Return the sizes for a number of regular simplices."""
-        return self._from_error(mesh, {"elements": number})
+        return self._from_error(mesh, {"elements": number}, corrected=corrected)
 
     def _from_error(
-        self, mesh: AnyMesh, goal: ErrorOptions, goals: list[float] | None = None
+        self,
+        mesh: AnyMesh,
+        goal: ErrorOptions,
+        goals: list[float] | None = None,
+        corrected: Corrected | None = None,
     ) -> FloatArray:
         given: ErrorOptions = {
             "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
             "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
         }  # fmt: skip
         return scaled_by_error(
-            mesh, self.indicator, self.options["order"], given, partial(self._finished, mesh),
-            tuning.ACCURACY, goals=goals,
+            mesh, self.indicator, self.options["order"], given, self._limit(mesh), tuning.ACCURACY,
+            goals=goals, corrected=corrected,
         )  # fmt: skip
 
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 
 from adaptsize._kernels.clipping import new_clipping
-from adaptsize._kernels.overlap import Front, fill_overlaps
+from adaptsize._kernels.overlap import Front, fill_overlaps, fill_rows
 from adaptsize._kernels.trees import Tree
 from adaptsize._workers import Workers
 from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import centroids, read_only
 from adaptsize.background.location import in_space
 from adaptsize.background.merging import merge_equal_points
-from adaptsize.background.topology import marked, unique_rows
+from adaptsize.background.topology import marked, rings, unique_rows
 from adaptsize.typing import FloatArray, IndexArray, IntArray, LongArray
+
+# New nodes of one task, some milliseconds.
+_NODES_AT_ONCE = 8192
 
 
 class Intersections(NamedTuple):
@@ -51,13 +55,14 @@ def intersections_of(old: SimplexMesh, new: AnyMesh, workers: Workers) -> Inters
     common = _common_cells(old, new)
     order = _order_of(new, common)
     parts = _in_chunks(old, new, order, workers, products=True)
-    products = _mass_of_common(old, new, common)
-    if parts:
-        numbers = np.concatenate([part.numbers for part in parts])
-        mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
-        values, nodes = mixed.data * _unit(old), old.locator.node_of_point[mixed.indices]
-        products += csr_array((values, nodes, mixed.indptr), shape=products.shape)
+    products = _mass_of_others(old, new, (order, parts), workers)
+    if len(common.new):
+        products = _mass_of_common(old, new, common) + products
     return Intersections(_measures(old, new, (order, parts), common), products)
+
+
+#: Numbers of entries of rows, and the columns and values of these.
+_Rows: TypeAlias = tuple[LongArray, IntArray, FloatArray]
 
 
 class _Common(NamedTuple):
@@ -103,10 +108,44 @@ def _mass_of_common(old: SimplexMesh, new: AnyMesh, common: _Common) -> csr_arra
     return csr_array((values.ravel(), (rows, columns)), shape=(new.n_points, old.n_points))
 
 
+def _mass_of_others(
+    old: SimplexMesh, new: AnyMesh, others: tuple[LongArray, list[_Overlaps]], workers: Workers
+) -> csr_array:
+    """Return the part of the mixed mass matrix that belongs to the other cells, in order."""
+    order, parts = others
+    shape = new.n_points, old.n_points
+    if not parts:
+        return csr_array(shape)
+    numbers = np.concatenate([part.n_nodes for part in parts])
+    n_rows, first_row = np.zeros((2, new.n_cells), np.int64)
+    n_rows[order], first_row[order] = numbers, np.cumsum(numbers) - numbers
+    nodes, values = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("nodes", "products")
+    )
+    members = first_row, n_rows, nodes, values
+    around, found = rings(new.cells, new.n_points), dict[int, _Rows]()
+    cells = read_only(np.ascontiguousarray(new.cells))
+
+    def task(first: int, last: int) -> None:
+        room = int(n_rows[around[1][around[0][first] : around[0][last]]].sum())
+        counts, slot = np.empty(last - first, np.int64), np.zeros(old.n_points, np.int64)
+        columns, values = np.empty(room, np.int32), np.empty(room)
+        used = fill_rows(around, cells, members, (first, last), slot, (counts, columns, values))
+        found[first] = counts, columns[:used], values[:used]
+
+    workers.in_chunks(task, new.n_points, _NODES_AT_ONCE, "sums at the nodes")
+    counts, columns, values = (
+        np.concatenate(every) for every in zip(*(found[k] for k in sorted(found)), strict=True)
+    )
+    start = np.append(0, np.cumsum(counts))
+    nodes = old.locator.node_of_point[columns]
+    return csr_array((values * _unit(old), nodes, start), shape=shape)
+
+
 def _order_of(new: AnyMesh, common: _Common) -> LongArray:
     """Return the other new cells in an order such that those in succession are near each other."""
     others = np.flatnonzero(~marked(common.new, new.n_cells))
-    return others[along_curve(new.points[new.cells[others]].mean(axis=1))].astype(np.int64)
+    return others[along_curve(centroids(new.points, new.cells[others]))].astype(np.int64)
 
 
 def _unit(old: SimplexMesh) -> float:
@@ -167,10 +206,11 @@ class _Overlaps(NamedTuple):
     """Number of old cells that overlap each new cell."""
     found: IntArray
     measures: FloatArray
-    numbers: IntArray
-    """The nodes of the new cells."""
-    rows: csr_array
-    """The rows of the mixed mass matrix of these nodes."""
+    n_nodes: LongArray
+    """Number of nodes of these old cells, for each new cell."""
+    nodes: IntArray
+    products: FloatArray
+    """Integrals over each new cell, for its corners and these nodes, float64[n, k]."""
 
 
 def _overlaps_of(
@@ -185,9 +225,7 @@ def _overlaps_of(
     k = cells.shape[1]
     counts, n_nodes = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
     room, work = tuning.ROOM[k - 1] * len(which), new_clipping()
-    overlaps: list[tuple[IntArray, FloatArray]] = []
-    numbers: list[IntArray] = [np.empty(0, np.int32)]
-    assembled = [csr_array((0, len(tree.points)))]
+    made: list[tuple[IntArray, FloatArray, IntArray, FloatArray]] = []
     first = 0
     while first < len(which):
         # Pages of zeros that are not touched cost nothing.
@@ -203,22 +241,10 @@ def _overlaps_of(
         if reached == 0:  # a single cell has more overlaps
             room *= 2
             continue
-        overlaps.append((found[:used].copy(), measures[:used].copy()))
-        if products:
-            done = which[first : first + reached]
-            start = np.concatenate([[0], np.cumsum(n_nodes[done])])
-            assembled += [
-                csr_array((values[:n_used, v], nodes[:n_used], start), (reached, len(slot)))
-                for v in range(k)
-            ]
-            numbers += list(cells[done].T)
+        made.append((
+            found[:used].copy(), measures[:used].copy(),
+            nodes[:n_used].copy(), values[:n_used].copy(),
+        ))  # fmt: skip
         first += reached
-    of_cells, common = (np.concatenate(arrays) for arrays in zip(*overlaps, strict=True))
-    at, place = np.unique(np.concatenate(numbers), return_inverse=True)
-    return _Overlaps(counts[which], of_cells, common, at, _summed(place, assembled, len(at)))
-
-
-def _summed(place: LongArray, rows: list[csr_array], n: int) -> csr_array:
-    """Return n rows, the sums of those with the same place."""
-    ones = np.ones(len(place)), (place, np.arange(len(place)))
-    return csr_array(ones, shape=(n, len(place))) @ vstack(rows)
+    of_cells, common, nodes, values = (np.concatenate(arrays) for arrays in zip(*made, strict=True))
+    return _Overlaps(counts[which], of_cells, common, n_nodes[which], nodes, values)

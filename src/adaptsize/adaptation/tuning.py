@@ -19,12 +19,6 @@ REACHED = 0.05
 ACCURACY = 3e-3
 #: The same of a metric, and corrections of its scale at most: each limits the metric anew.
 ACCURACY_OF_METRIC, MOST_SCALES = 0.03, 8
-#: Sizes for a number have it within this share, if no limit forbids that.
-REACHED_EXACTLY = 6e-3
-#: The sizes are computed again if the number made of them differs from the predicted one by more
-#: than this share.  With it, 20 loops on four domains made 1.11 meshes in a cycle; with .02, 1.09;
-#: never, 1.26.
-CORRECTED_FROM = 0.03
 
 # Errors and present meshes ------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """Orders in which points, or the cells of a tree, are near in memory if they are near in space."""
 
-from functools import cache, reduce
+from functools import cache
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from adaptsize._kernels.ordering import (
     sort_for_tree,
     sort_keys,
 )
-from adaptsize._kernels.trees import LEAF, Tree, fill_boxes
+from adaptsize._kernels.trees import LEAF, Tree, fill_boxes, fill_boxes_of_cells
 from adaptsize._workers import Workers
-from adaptsize.background._mesh_arrays import bounding_box, read_only
+from adaptsize.background._mesh_arrays import bounding_box, centroids, read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Points per chunk of a thread, some milliseconds, and per bucket, which fits into the cache.
@@ -29,13 +29,16 @@ def along_curve(points: FloatArray, threads: int = 1) -> IntArray:
     its inverse, overflows.  The points are put into buckets by the highest bits of their keys, and
     these are sorted one by one.
     """
-    n, dim = points.shape
+    n = len(points)
     if n == 0:
         return np.empty(0, np.int32)
-    workers, given = Workers(threads), read_only(np.ascontiguousarray(points))
+    workers, given = Workers(threads), np.ascontiguousarray(points)
     chunks = -(-n // _CHUNK)
     lower, upper = bounding_box(given, threads)
     width = float((upper - lower).max())
+    if 0.0 < width < np.inf and (upper == lower).any():  # such axes do not change the order
+        given, lower = given[:, upper > lower], lower[upper > lower]
+    given, dim = read_only(np.ascontiguousarray(given)), len(lower)
     curve = Curve((0,) * dim, lower, _scale(width), _spread(dim))
     n_bits = max(n // _BUCKET, 1).bit_length() - 1
     lower_bits = BITS * dim - n_bits
@@ -90,19 +93,19 @@ def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
         At least one.
     """
     cells = np.array(cells)  # kernels are compiled once more for read-only ones
-    centroids = sum(points[nodes] for nodes in cells.T) / cells.shape[1]
-    along = along_curve(centroids)
+    # Axes along which all is in one place do not change the order.
+    columns = [x for x in points.T if (x != x[0]).any()] or [points[:, 0]]
+    middles = centroids(np.column_stack(columns), cells)
+    along = along_curve(middles)
     n_leaves = 1
     while 4 * n_leaves < len(cells):
         n_leaves *= 2
     order = np.arange(len(cells))
-    sort_for_tree(centroids[along], n_leaves, order)
+    sort_for_tree(middles[along], n_leaves, order)
     order = along[order].astype(np.int64)
-    cells = cells[order]
-    corners = [points[nodes] for nodes in cells.T]
-    first = np.arange(n_leaves) * len(cells) // n_leaves
-    lower, upper = (f.reduceat(reduce(f, corners), first) for f in (np.minimum, np.maximum))
-    return Tree(points, cells, boxes_over_leaves(lower, upper)), order
+    cells, boxes = cells[order], np.empty((2 * n_leaves, 6))
+    fill_boxes_of_cells(read_only(points), read_only(cells), boxes)
+    return Tree(points, cells, boxes), order
 
 
 def boxes_over_leaves(lower: FloatArray, upper: FloatArray) -> FloatArray:

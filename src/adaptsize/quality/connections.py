@@ -158,11 +158,28 @@ def repeated_cells(mesh: SimplexMesh) -> npt.NDArray[Any]:
 
 
 def _repeated_cells(mesh: SimplexMesh) -> npt.NDArray[Any]:
+    if _have_other_neighbours(mesh):
+        return np.empty((0, 2), np.intp)
     rows = np.sort(mesh.cells, axis=1)
     number = unique_rows(rows, mesh.n_points)[1]
     first = np.unique(number, return_index=True)[1][number]
     again = np.flatnonzero(first != np.arange(mesh.n_cells))
     return np.column_stack([again, first[again]])
+
+
+def _have_other_neighbours(mesh: SimplexMesh) -> bool:
+    """Return whether each cell has two neighbours or a facet on the boundary, of a manifold.
+
+    Two cells with the same nodes are each other's only neighbours.
+    """
+    counts, facets = mesh.facet_cell_counts, mesh.cell_facets
+    if facets.shape[1] < 3 or counts.max() > 2:
+        return False
+    # Without the own number, the sum of the cells at a facet is the neighbour.
+    sums = np.bincount(facets.ravel(), np.repeat(np.arange(mesh.n_cells), facets.shape[1]))
+    first, second = sums[facets[:, 0]], sums[facets[:, 1]]
+    alone = (counts[facets] == 2).all(axis=1) & (first == second)
+    return not alone.any()
 
 
 def refuse_repeated_cells(mesh: SimplexMesh) -> None:

@@ -50,15 +50,30 @@ def folded_cells(mesh: SimplexMesh) -> BoolArray:
 
 
 def _folded_cells(mesh: SimplexMesh) -> BoolArray:
+    signs = np.sign(mesh.signed_measures)
+    found = _with_same_side(mesh, signs)
+    if not found.any():  # flat cells, which do not count, would only be fewer
+        return found
+    return _with_same_side(mesh, np.where(flat_cells(mesh), 0.0, signs))
+
+
+def _with_same_side(mesh: SimplexMesh, side: FloatArray) -> BoolArray:
+    """Return which cells, of given signs, are on the same side of a facet as their neighbour."""
     # The side follows from the sign of the cell and the order of its nodes.
-    cells = mesh.cells
-    side = np.where(flat_cells(mesh), 0.0, np.sign(mesh.signed_measures))
-    for i, j in combinations(range(cells.shape[1]), 2):
-        side = np.where(cells[:, i] < cells[:, j], side, -side)
-    rank = (cells[:, None, :] < cells[:, :, None]).sum(axis=2)
-    sides = np.where(rank % 2 == 0, side[:, None], -side[:, None])
+    cells, sides = mesh.cells, np.empty(mesh.cells.shape)
+    if cells.shape[1] == 3:  # the side of an edge that is passed in this direction
+        for v in range(3):
+            upward = cells[:, v - 2] < cells[:, v - 1]
+            np.multiply(side, np.where(upward, 1.0, -1.0), out=sides[:, v])
+    else:
+        for i, j in combinations(range(cells.shape[1]), 2):
+            side = np.where(cells[:, i] < cells[:, j], side, -side)
+        rank = (cells[:, None, :] < cells[:, :, None]).sum(axis=2)
+        sides = np.where(rank % 2 == 0, side[:, None], -side[:, None])
     sums = np.bincount(mesh.cell_facets.ravel(), sides.ravel())
     between = (mesh.facet_cell_counts == 2) & (np.abs(sums) == 2.0)
+    if not between.any():
+        return np.zeros(len(cells), np.bool_)
     return np.asarray(between[mesh.cell_facets].any(axis=1))
 
 

@@ -72,9 +72,11 @@ def improved(
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
     if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= tuning.MOST_NODES_BEYOND:
-        points = mesh.points.copy()
-        _pull(points, mesh, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old, lines.borders)
-        mesh = mesh.moved(points)
+        nodes = nodes[distance > tuning.OFF_BOUNDARY * tolerance]
+        if len(nodes):
+            points = mesh.points.copy()
+            _pull(points, mesh, nodes, old, lines.borders)
+            mesh = mesh.moved(points)
     mesh = _along_borders(mesh, lines.borders, tuning.AIM * tolerance)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
@@ -153,6 +155,8 @@ class _Far(NamedTuple):
     def after(self, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
         """Return those of a mesh that was changed in some places."""
         before = self.surface
+        if mesh.points is before.points and mesh.cells is self.cells:
+            return self
         are_moved = np.array_equal(mesh.cells, self.cells) and mesh.n_points == before.n_points
         surface = before.moved(mesh.points) if are_moved else facets_of(mesh)
         keys = _keys_of(surface)

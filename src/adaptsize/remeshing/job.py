@@ -62,6 +62,7 @@ from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
+from adaptsize.sizes.budget import count_elements
 from adaptsize.typing import FloatArray, IntArray
 
 #: Distance of nodes that rounding alone has moved, over the diagonal.
@@ -347,7 +348,7 @@ def _required(
 def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
     """Return the number of cells that the sizes predict."""
     if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.sizes_at_nodes).cells
+        return count_elements(problem.mesh, problem.sizes_at_nodes)
     if isinstance(size, SizeFunction) and size.report is not None:
         nodes = surface_to_fill(mesh).mesh.points  # the first ones of its refined copy
         if np.array_equal(size.background.points[: len(nodes)], nodes):

@@ -37,6 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import Stage
+from adaptsize.background._mesh_arrays import lengths
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing._medit import read_medit, write_medit
@@ -162,15 +163,17 @@ def _best_of_runs(
     made, best_share, before, elements = best, -1.0, -1.0, None
     for tolerance in tolerances:
         sizes = _requested(problem, made["points"], factor)
-        if elements is None and problem.metric is None:
-            elements = _Elements.of(problem.mesh, sizes / factor)
         try:
             made = mmg.adapt(made, sizes, tolerance)
         except BackendError:  # also if the time is over
             if best_share < 0.0:
                 raise
             break
+        if problem.metric is None and _is_surely_good(problem, made):
+            return made
         share, median = _band_and_median(problem.sizes, made, problem.metric)
+        if elements is None and problem.metric is None:
+            elements = _Elements.of(problem.mesh, problem.sizes_at_nodes)
         if elements is not None:
             share = min(share, elements.served(made))
         if share > best_share:
@@ -236,9 +239,11 @@ def _gradation(made: Arrays, sizes: FloatArray) -> float:
     if sizes.ndim > 1:
         return -1.0
     gradient = tuning.LEAST_GRADIENT
-    for i, j in combinations(made["cells"].T, 2):
-        lengths = np.linalg.norm(made["points"][i] - made["points"][j], axis=1)
-        rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
+    cells = made["cells"]
+    for pair in combinations(range(cells.shape[1]), 2):
+        ends = cells[:, pair]
+        apart = np.maximum(lengths(made["points"], ends), np.finfo(float).tiny)
+        rise = np.abs(sizes[ends[:, 0]] - sizes[ends[:, 1]]) / apart
         gradient = max(gradient, float(rise.max()))
     return float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
 
@@ -275,6 +280,16 @@ def _rows(metric: Metric) -> FloatArray:
     """Return the lower triangles of the matrices by rows, float64[n, 3 or 6]."""
     i, j = np.tril_indices(metric.dim)
     return np.ascontiguousarray(metric.matrices[:, j, i])
+
+
+def _is_surely_good(problem: MeshingProblem, made: Arrays) -> bool:
+    """Return whether a sample of edges shows that no other run has to follow."""
+    from adaptsize.quality import tuning as of_quality
+    from adaptsize.quality.by_place import surely_served
+
+    sizes, first = problem.sizes_at_nodes, problem.mesh
+    share = surely_served(mesh_of(made), problem.sizes, first, sizes)
+    return share > tuning.GOOD_SHARE + of_quality.BEYOND_DOUBT
 
 
 def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple[float, float]:

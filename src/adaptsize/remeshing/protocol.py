@@ -109,6 +109,8 @@ class MeshingProblem:
     size : callable or None
         Requested edge length at float64[n, dim] points, as float64[n], finite and positive.
         None selects the generator's default (for a first mesh that carries the sizes).
+    nodal_sizes : float64[n_points] or None
+        The sizes at the nodes of the mesh, if they are given there.
     size_nodes : float64[n, dim]
         Points between which the size function interpolates.  May be empty.
     metric : callable or None
@@ -136,6 +138,7 @@ class MeshingProblem:
     regions: IntArray
     region_tags: IntArray
     size: Callable[[FloatArray], FloatArray] | None = None
+    nodal_sizes: FloatArray | None = None
     size_nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     metric: MetricAt | None = None
     metric_mesh: SimplexMesh | None = None
@@ -169,6 +172,8 @@ class MeshingProblem:
         """The requested edge lengths at the nodes of the mesh, with a metric their means."""
         from adaptsize.remeshing.sizing import mean_of
 
+        if self.nodal_sizes is not None:
+            return self.nodal_sizes
         if self.metric is None:
             return self.sizes(self.mesh.points)
         return mean_of(self.metric_at_nodes, self.mesh.cell_dim)

@@ -12,7 +12,7 @@ from adaptsize._pickling import once
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
-from adaptsize.limiting.sources import is_same
+from adaptsize.limiting.sources import is_equal, is_same
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.in_volume import in_volume
 from adaptsize.remeshing.preparation import Frame, as_problem
@@ -45,6 +45,18 @@ class RequestedSizes(NamedTuple):
             return given.sources is None and given.g is None and is_same(given.background, self.on)
         return not callable(given) and np.ndim(cast(FloatArray, given)) < 2
 
+    def at_nodes(self, mesh: SimplexMesh) -> FloatArray | None:
+        """Return the checked sizes of a function at the nodes of a mesh, if they are given there.
+
+        Interpolation would return the same but for rounding, and at slits those of either side.
+        """
+        given = self.given
+        if self.metric is not None or not isinstance(given, SizeFunction) or not self.are_nodal:
+            return None
+        if not is_equal(mesh.points, self.on.points) or not np.isfinite(given.values).all():
+            return None
+        return np.minimum(given.values, self.hmax)
+
 
 def as_request(
     task: Task,
@@ -76,7 +88,7 @@ def as_request(
         Only Mmg rounds edges, unless they are passed as ridges.
     """
     # A mesh has one frame.
-    own = once(mesh, "_in_its_frame", lambda: frame.mesh(mesh))
+    own = given = once(mesh, "_in_its_frame", lambda: frame.mesh(mesh))
     ridges = np.empty((0, 2), np.int32)
     size, known = frame.size(sizes.at), frame.to_own(known_points(sizes.given, mesh.dim))
     if task != "surface to tetrahedra" and required is None:
@@ -86,10 +98,12 @@ def as_request(
             own, ridges = refined(own, size, tolerance * own.diagonal)
         if sizes.metric is None:
             own, ridges = _resolved(own, ridges, size, sizes, known)
+    nodal = sizes.at_nodes(mesh) if own is given else None
     inside = in_solid(sizes.given, sizes.on, sizes.g, sizes.hmax)
     return replace(
         as_problem(task, own, tolerance, required),
         size=size,
+        nodal_sizes=None if nodal is None else nodal / frame.scale,
         ridges=ridges,
         size_nodes=known,
         metric=None if sizes.metric is None else frame.metric(sizes.metric),

@@ -214,7 +214,11 @@ def as_metric_at(size: Any, mesh: SimplexMesh, hmax: float) -> MetricAt | None:
     """
     if isinstance(size, Metric):
         size = MetricFunction(mesh, size)
-    elif not callable(size) or not isinstance(size(mesh.points[:1]), Metric):
+    elif (
+        isinstance(size, SizeFunction)
+        or not callable(size)
+        or not isinstance(size(mesh.points[:1]), Metric)
+    ):
         return None
 
     def checked(there: Metric, points: FloatArray) -> Metric:

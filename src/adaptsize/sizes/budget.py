@@ -7,7 +7,9 @@ import math
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
+from adaptsize._pickling import once
 from adaptsize.background import AnyMesh, CartesianGrid, Octree
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.migration import boundary_facets
 from adaptsize.typing import FloatArray
 
@@ -23,8 +25,13 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("tetwild", 3): 1.04,
 }
 
-#: Nodes and weights of the quadrature of densities, and cells whose numbers fit into the cache.
-_GAUSS = np.polynomial.legendre.leggauss(16)
+#: Largest ratios of the sizes in a cell, and Gauss rules that are exact for these to 1e-12, the
+#: last one up to 16.
+_RULES = [
+    (ratio, np.column_stack(np.polynomial.legendre.leggauss(n)).tolist())
+    for ratio, n in ((1.8, 7), (4.0, 10), (np.inf, 16))
+]
+#: Cells whose numbers fit into the cache.
 _CELLS_AT_ONCE = 4096
 
 
@@ -56,33 +63,49 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
     float64[n]
         At most about 1e300.
     """
-    d = corner_sizes.shape[1] - 1
     densities = np.empty(len(corner_sizes))
     for first in range(0, len(densities), _CELLS_AT_ONCE):
         part = slice(first, first + _CELLS_AT_ONCE)
         corners = np.ascontiguousarray(corner_sizes[part].T)
-        free = np.isinf(corners.max(axis=0))
-        h = np.where(free, 1.0, corners)
-        m = np.sqrt(h.min(axis=0)) * np.sqrt(h.max(axis=0))
-        over_m = h / m  # powers of small or large sizes stay in range
-        total, term = np.zeros(len(m)), np.empty(len(m))
-        for x, weight in zip(*_GAUSS, strict=True):
-            product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
-            for at_corner in over_m:
-                np.multiply(at_corner, 1.0 - x, out=term)
-                term += 1.0 + x
-                product /= term
-            total += product
-        # Larger densities of elements are cut, since powers of tiny sizes overflow.
-        total *= np.maximum(m, 1e300 ** (-1.0 / d)) ** -d
-        densities[part] = np.where(free, 0.0, total)
+        least, largest = corners.min(axis=0), corners.max(axis=0)
+        bounded, below = np.isfinite(largest), 0.0
+        own = np.zeros(len(least))
+        for ratio, rule in _RULES:
+            which = bounded & (largest > below * least) & (largest <= ratio * least)
+            below = ratio
+            if which.all():
+                own = _integrated(corners, least, largest, rule)
+            elif which.any():
+                own[which] = _integrated(corners[:, which], least[which], largest[which], rule)
+        densities[part] = own
     return densities
+
+
+def _integrated(
+    h: FloatArray, least: FloatArray, largest: FloatArray, rule: list[list[float]]
+) -> FloatArray:
+    """Return the mean densities of cells, by the sizes at their corners, float64[d + 1, n]."""
+    d = len(h) - 1
+    m = np.sqrt(least) * np.sqrt(largest)
+    over_m = h / m  # powers of small or large sizes stay in range
+    total, term = np.zeros(len(m)), np.empty(len(m))
+    for x, weight in rule:
+        product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
+        for at_corner in over_m:
+            np.multiply(at_corner, 1.0 - x, out=term)
+            term += 1.0 + x
+            product /= term
+        total += product
+    # Larger densities of elements are cut, since powers of tiny sizes overflow.
+    total *= np.maximum(m, 1e300 ** (-1.0 / d)) ** -d
+    return total
 
 
 def nodal_measures(background: AnyMesh | CartesianGrid | Octree) -> FloatArray:
     """Return the length, area or volume around each node, of the nodal shape.
 
-    A cell gives the same share to each of its nodes.  Inactive nodes have none.
+    A cell gives the same share to each of its nodes.  Inactive nodes have none.  Those of a mesh
+    are kept with it.
     """
     if isinstance(background, CartesianGrid):
         measures = np.full(background.shape, float(np.prod(background.spacing)))
@@ -94,10 +117,12 @@ def nodal_measures(background: AnyMesh | CartesianGrid | Octree) -> FloatArray:
             measures[~background.active] = 0.0
         return measures
     mesh = background.mesh if isinstance(background, Octree) else background
-    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
-    measures = np.zeros(mesh.n_points)
-    np.add.at(measures, mesh.cells.ravel(), shares)
-    return measures
+
+    def summed() -> FloatArray:
+        shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
+        return read_only(np.bincount(mesh.cells.ravel(), shares, mesh.n_points))
+
+    return once(mesh, "_nodal_measures", summed)
 
 
 def calibration(backend: str | None, cell_dim: int) -> float:

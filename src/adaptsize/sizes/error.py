@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,6 @@ from adaptsize._checks import as_number, as_values, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.background.simplex import as_mesh
-from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, checked, with_options
 from adaptsize.options.bounds import ScaleOptions
 from adaptsize.sizes.budget import (
@@ -24,12 +23,10 @@ from adaptsize.sizes.budget import (
     present_sizes,
 )
 from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.limited import Corrected, Limit, Limited, limited, sizes_for_number
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
 from adaptsize.sizes.search import ACCURACY_OF_SCALE, scale_to
 from adaptsize.typing import FloatArray, Unpack
-
-#: Applies all limits to nodal sizes.
-Finish = Callable[[FloatArray], FloatArray]
 
 
 @recorded("size_from_error")
@@ -116,7 +113,7 @@ def size_from_error(
 
     eta, p, given = mesh.ranks.agree(check)
     mesh.ranks.require_equal(order=p, **given)
-    return scaled_by_error(mesh, eta, p, given, _finishing(mesh, given))
+    return scaled_by_error(mesh, eta, p, given, _limit_of(mesh, given))
 
 
 def as_indicator(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
@@ -131,18 +128,20 @@ def scaled_by_error(
     states: FloatArray,
     order: float,
     given: ErrorOptions,
-    finish: Finish,
+    limit: Limit,
     accuracy: float = ACCURACY_OF_SCALE,
     *,
     goals: Sequence[float] | None = None,
+    corrected: Corrected | None = None,
 ) -> FloatArray:
     """Return the sizes of `size_from_error`, with limits by a function; collective.
 
     Of several states, float64[n, n_cells], these are the smallest that any of them requests: for
     the tolerance, or the ``goals`` of the states.  For a number of elements, they are the sizes
-    that each state requests for it alone, before ``finish``, multiplied by one factor.
+    that each state requests for it alone, before ``limit``, multiplied by one factor.
 
-    ``accuracy`` is the relative error of the number of elements that is accepted.
+    ``accuracy`` is the relative error of the number of elements that is accepted, and ``corrected``
+    returns another number, see `sizes_for_number`.
     """
     d, goal, wanted = mesh.cell_dim, *as_goal(given["tolerance"], given["elements"])
     every = [_Ratios(mesh, eta, order, given) for eta in np.atleast_2d(states)]
@@ -153,7 +152,8 @@ def scaled_by_error(
         return _nodal_sizes(mesh, now * of(scale))
 
     def sizes(scales: Sequence[float]) -> FloatArray:
-        return finish(np.minimum.reduce([single(*one) for one in zip(every, scales, strict=True)]))
+        by_state = [single(*one) for one in zip(every, scales, strict=True)]
+        return np.asarray(np.minimum.reduce(by_state))
 
     def alone(of: _Ratios) -> float:
         start = of.for_number(wanted)
@@ -166,14 +166,13 @@ def scaled_by_error(
 
     if goal == "tolerance":
         goals = [wanted] * len(every) if goals is None else goals
-        return sizes([of.for_error(own) for of, own in zip(every, goals, strict=True)])
+        return limit(sizes([of.for_error(own) for of, own in zip(every, goals, strict=True)]))
     wanted /= calibration(given["backend"], d)
     starts = [alone(of) for of in every]
     shares = [start / starts[0] for start in starts]  # all change by one factor
-    return scale_to(
-        wanted, lambda scale: sizes([scale * share for share in shares]),
-        lambda h: count_elements(mesh, h), starts[0], d, accuracy,
-        bounds=(bounds[0] / max(shares), bounds[1] / min(shares)),
+    return sizes_for_number(
+        mesh, wanted, lambda scale: sizes([scale * share for share in shares]), limit, starts[0],
+        accuracy, bounds=(bounds[0] / max(shares), bounds[1] / min(shares)), corrected=corrected,
     )  # fmt: skip
 
 
@@ -313,27 +312,27 @@ def _scaled_by_derivative(mesh: AnyMesh, steepest: FloatArray, given: HessianOpt
     """Return the sizes of `size_from_hessian`, given the largest derivatives; collective."""
     d, q = mesh.cell_dim, given["norm"]
     goal, wanted = as_goal(given["tolerance"], given["elements"])
-    factor, finish = calibration(given["backend"], d), _finishing(mesh, given)
+    factor, limit = calibration(given["backend"], d), _limit_of(mesh, given)
     exponent = 0.5 if math.isinf(q) else q / (2.0 * q + d)
     with np.errstate(divide="ignore"):
         shape = steepest**-exponent
 
     def sizes(scale: float) -> FloatArray:
-        return finish(scale * shape)
+        return scale * shape
 
     if goal == "tolerance":
         share = 1.0
         if not math.isinf(q):
             own = float((nodal_measures(mesh) * steepest ** (exponent * d)).sum())
             share = mesh.ranks.allreduce(own, "sum") ** (1.0 / q)
-        return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
+        return limit(sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0))
     largest = mesh.ranks.allreduce(float(shape[np.isfinite(shape)].max(initial=0.0)), "max")
     if largest == 0.0:  # the field is linear
-        return sizes(1.0)
+        return limit(sizes(1.0))
     # A feasible initial value: cells with an inf node count only after limiting.
     once = count_elements(mesh, np.minimum(shape, largest))
     start = (once / wanted) ** (1.0 / d)
-    return scale_to(wanted / factor, sizes, lambda h: count_elements(mesh, h), start, d)
+    return sizes_for_number(mesh, wanted / factor, sizes, limit, start)
 
 
 def _check_goal(given: ScaleOptions) -> None:
@@ -342,15 +341,14 @@ def _check_goal(given: ScaleOptions) -> None:
     minimum(1.0, hmin=given["hmin"], hmax=given["hmax"])
 
 
-def _finishing(mesh: AnyMesh, given: ScaleOptions) -> Finish:
-    """Return a function that clips sizes to two limits and limits their gradient; collective."""
+def _limit_of(mesh: AnyMesh, given: ScaleOptions) -> Limit:
+    """Return what clips sizes to two limits, and limits their gradient; collective."""
     g = given["g"]
 
-    def finish(h0: FloatArray) -> FloatArray:
-        clipped = minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
-        return clipped if g is None else limit_gradient(mesh, clipped, g)
+    def clipped(h: FloatArray) -> FloatArray:
+        return minimum(h, hmin=given["hmin"], hmax=given["hmax"])
 
-    return finish
+    return Limit(clipped, Limited.free if g is None else lambda h: limited(mesh, h, g))
 
 
 def _nodal_sizes(mesh: AnyMesh, size: FloatArray) -> FloatArray:

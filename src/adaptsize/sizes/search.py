@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 from adaptsize.sizes import tuning
@@ -83,6 +83,7 @@ class Search(Generic[T]):
         self._y: list[float] = []
         self._widths: list[float] = []
         self._next: float | None = 0.0
+        self._expected: float | None = None
 
     @classmethod
     def by_meshes(
@@ -119,7 +120,28 @@ class Search(Generic[T]):
         ratio = trial.number / self.wanted
         y = math.log(ratio) if ratio > 0.0 else _NOTHING
         self._y.append(min(max(y, _NOTHING), -_NOTHING))
+        self._expected = None
         self._next = self._following()
+
+    def expect(self, predicted: float) -> None:
+        """Correct the next factor by the number that is predicted for it."""
+        if self._next is None or self._next == self._x[-1] or not 0.0 < predicted < math.inf:
+            return
+        fall = self._y[-1] - math.log(predicted / self.wanted)
+        self._expected = fall / (self._next - self._x[-1])
+        self._next = self._following()
+
+    def is_about(self, number: float) -> bool:
+        """Whether a number is about the wanted one."""
+        return number > 0.0 and abs(math.log(number / self.wanted)) <= tuning.ABOUT_THE_NUMBER
+
+    def for_other(self, wanted: float) -> Search[T]:
+        """Return the search for another number, which begins with the last trial."""
+        other, last = replace(self, wanted=wanted, trials=[]), self.trials[-1]
+        other.add(last.predicted, last.result, last.made, last.factor)
+        other._expected = self._expected
+        other._next = other._following()
+        return other
 
     @property
     def best(self) -> Trial[T]:
@@ -166,7 +188,9 @@ class Search(Generic[T]):
         return min(x + step, bound) if y > 0.0 else max(x + step, bound)
 
     def _slope(self) -> float:
-        """Return the order between the two last trials, as far as it is trusted."""
+        """Return the order that is expected, or that of the last two trials as far as trusted."""
+        if self._expected is not None:
+            return self._expected
         if len(self._x) < 2 or self._x[-1] == self._x[-2]:
             return self.order
         measured = (self._y[-2] - self._y[-1]) / (self._x[-1] - self._x[-2])
@@ -248,16 +272,28 @@ def scale_to(
     object
         What ``make`` returned.  If ``wanted`` is beyond a bound, ``value`` is at its bound.
     """
-    low, high = bounds
-    far = math.exp(_FARTHEST)
-    search: Search[T] = Search(
-        wanted, order, accuracy, most=most, start=start, reach=3.0, resolution=ACCURACY_OF_SCALE,
-        bounds=(low or start / far, high if math.isfinite(high) else start * far),
-    )  # fmt: skip
+    search: Search[T] = search_of_scale(wanted, order, start, accuracy, bounds, most)
     while (factor := search.factor) is not None:
         made = make(factor)
         search.add(value(made), made)
     return search.best.result
+
+
+def search_of_scale(
+    wanted: float,
+    order: float,
+    start: float,
+    accuracy: float,
+    bounds: tuple[float, float],
+    most: int = 60,
+) -> Search[T]:
+    """Return the search for the scale of sizes whose value is as wanted; see `scale_to`."""
+    low, high = bounds
+    far = math.exp(_FARTHEST)
+    return Search(
+        wanted, order, accuracy, most=most, start=start, reach=3.0, resolution=ACCURACY_OF_SCALE,
+        bounds=(low or start / far, high if math.isfinite(high) else start * far),
+    )  # fmt: skip
 
 
 def smallest_tolerance(

@@ -36,6 +36,10 @@ ENOUGH = math.log1p(0.02)
 #: tetrahedra in loops of adaptation.  Not measured: the documentation promises it.
 ACCEPTED = 0.05
 
+#: Logarithm of a number over the wanted one, up to which sizes are about those of the number: what
+#: a generator makes of them is then a good correction of the number.  Not varied.
+ABOUT_THE_NUMBER = 0.03
+
 # Numbers of triangles by Mmg.
 #
 # These values were fitted to 930 meshes of the square, an L and a disc: sizes that grow off points,
