@@ -193,6 +193,8 @@ class Solid:
     def is_divided(self) -> bool:
         """Whether facets bound the solid with a part only, as those of bodies that overlap do."""
         sides = self._sides
+        if sides.is_lost.all():  # nothing is enclosed
+            return False
         return bool((sides.is_lost & ~self.hidden[self._rows][sides.owner]).any())
 
     @cached_property

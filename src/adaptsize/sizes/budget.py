@@ -120,7 +120,9 @@ def nodal_measures(background: AnyMesh | CartesianGrid | Octree) -> FloatArray:
 
     def summed() -> FloatArray:
         shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
-        return read_only(np.bincount(mesh.cells.ravel(), shares, mesh.n_points))
+        # Without cells the sums would be integers.
+        summed = np.bincount(mesh.cells.ravel(), shares, mesh.n_points)
+        return read_only(summed.astype(np.float64))
 
     return once(mesh, "_nodal_measures", summed)
 

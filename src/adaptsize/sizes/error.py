@@ -13,6 +13,7 @@ from adaptsize._checks import as_number, as_values, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.background.simplex import as_mesh
+from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, checked, with_options
 from adaptsize.options.bounds import ScaleOptions
 from adaptsize.sizes.budget import (
@@ -23,7 +24,7 @@ from adaptsize.sizes.budget import (
     present_sizes,
 )
 from adaptsize.sizes.combine import minimum
-from adaptsize.sizes.limited import Corrected, Limit, Limited, limited, sizes_for_number
+from adaptsize.sizes.limited import Corrected, Limit, Limited, sizes_for_number
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
 from adaptsize.sizes.search import ACCURACY_OF_SCALE, scale_to
 from adaptsize.typing import FloatArray, Unpack
@@ -348,7 +349,13 @@ def _limit_of(mesh: AnyMesh, given: ScaleOptions) -> Limit:
     def clipped(h: FloatArray) -> FloatArray:
         return minimum(h, hmin=given["hmin"], hmax=given["hmax"])
 
-    return Limit(clipped, Limited.free if g is None else lambda h: limited(mesh, h, g))
+    def limited(h: FloatArray) -> Limited:
+        if g is None:
+            return Limited.free(h)
+        # Paths are not used: they are not known in parts, whose sizes are those of the whole mesh.
+        return Limited(h, limit_gradient(mesh, h, g), None)
+
+    return Limit(clipped, limited)
 
 
 def _nodal_sizes(mesh: AnyMesh, size: FloatArray) -> FloatArray:
