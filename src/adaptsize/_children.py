@@ -100,7 +100,7 @@ def supervised(folder: Path) -> list[str]:
 
     It waits for the job, see `job_line`.
     """
-    # Without `site`, whose folders it does not need.  A module is compiled once, a program each time.
+    # Without `site`, whose folders it does not need.  A module is compiled once.
     package, name = os.path.split(os.path.splitext(_supervisor.__file__)[0])
     program = f"import sys; sys.path.append(sys.argv.pop()); from {name} import main; main()"
     options = [sys.executable, "-I", "-S", "-u", "-c", program]

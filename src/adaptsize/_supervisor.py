@@ -69,10 +69,11 @@ def supervise(caller: int, folder: str) -> None:
 def _adopt_orphans() -> None:
     """Make orphans of descendants children of this process."""
     arguments = _SET_CHILD_SUBREAPER, 1, 0, 0, 0
+    this_program: Any = None
     try:  # `ctypes` itself takes 5 ms
-        from _ctypes import call_function, dlopen, dlsym  # type: ignore[import-not-found]
+        from _ctypes import call_function, dlopen, dlsym
 
-        call_function(dlsym(dlopen(None, 0), "prctl"), arguments)
+        call_function(dlsym(dlopen(this_program, 0), "prctl"), arguments)
     except (ImportError, AttributeError, TypeError, OSError):
         import ctypes
 
