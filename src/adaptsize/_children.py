@@ -100,8 +100,11 @@ def supervised(folder: Path) -> list[str]:
 
     It waits for the job, see `job_line`.
     """
-    # Without `site`, whose folders it does not need.
-    return [sys.executable, "-I", "-S", "-u", _supervisor.__file__, str(os.getpid()), str(folder)]
+    # Without `site`, whose folders it does not need.  A module is compiled once.
+    package, name = os.path.split(os.path.splitext(_supervisor.__file__)[0])
+    program = f"import sys; sys.path.append(sys.argv.pop()); from {name} import main; main()"
+    options = [sys.executable, "-I", "-S", "-u", "-c", program]
+    return [*options, str(os.getpid()), str(folder), package]
 
 
 def how_it_ended(code: int) -> str:

@@ -3,7 +3,7 @@
 It ends everything that the job has started when the job ends, or when the caller ends or closes the
 pipe to this process.  The caller cannot do that itself when it is killed.
 
-    python -I -S _supervisor.py CALLER FOLDER
+    python -I -S -c "from _supervisor import main; main()" CALLER FOLDER
 
 CALLER is the number of the process to be watched, and FOLDER is removed if it ends first.  The
 command and its limit of processor time come through the pipe, see `job_line`.
@@ -23,7 +23,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # `typing` takes longer than the rest
     from typing import Any
 
-#: Number of <sys/prctl.h>: orphans of descendants become children of this process.
+#: Number of <sys/prctl.h>.
 _SET_CHILD_SUBREAPER = 36
 #: Number of SIGKILL.  Hung generators ignore others.
 _KILL = 9
@@ -52,9 +52,7 @@ def _read_job() -> tuple[list[str], float] | None:
 def supervise(caller: int, folder: str) -> None:
     """Run a job in a folder, and exit like it."""
     if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        _adopt_orphans()
     found = _read_job()
     if found is None:
         _remove(folder)
@@ -66,6 +64,20 @@ def supervise(caller: int, folder: str) -> None:
     ending.acquire()
     _kill_all(job)
     os._exit(code if code >= 0 else SIGNALLED - code)
+
+
+def _adopt_orphans() -> None:
+    """Make orphans of descendants children of this process."""
+    arguments = _SET_CHILD_SUBREAPER, 1, 0, 0, 0
+    this_program: Any = None
+    try:  # `ctypes` itself takes 5 ms
+        from _ctypes import call_function, dlopen, dlsym
+
+        call_function(dlsym(dlopen(this_program, 0), "prctl"), arguments)
+    except (ImportError, AttributeError, TypeError, OSError):
+        import ctypes
+
+        ctypes.CDLL(None).prctl(*arguments)
 
 
 class _Job:
@@ -169,5 +181,6 @@ def _kill_all(job: Any) -> None:
         time.sleep(0.005)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Supervise the job of a caller, see above."""
     supervise(int(sys.argv[1]), sys.argv[2])

@@ -16,8 +16,8 @@ from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import centroids, read_only
 from adaptsize.background.location import in_space
-from adaptsize.background.merging import merge_equal_points
-from adaptsize.background.topology import marked, rings, unique_rows
+from adaptsize.background.merging import hashes_of, merge_equal_points
+from adaptsize.background.topology import any_of, marked, places_among, rings, unique_rows
 from adaptsize.typing import FloatArray, IndexArray, IntArray, LongArray
 
 # New nodes of one task, some milliseconds.
@@ -55,12 +55,12 @@ def intersections_of(old: SimplexMesh, new: AnyMesh, workers: Workers) -> Inters
     common = _common_cells(old, new)
     order = _order_of(new, common)
     parts = _in_chunks(old, new, order, workers, products=True)
-    products = _mass_of_others(old, new, (order, parts), workers)
-    if len(common.new):
-        products = _mass_of_common(old, new, common) + products
+    products = _mixed_mass(old, new, _members_of(old, new, (order, parts), common), workers)
     return Intersections(_measures(old, new, (order, parts), common), products)
 
 
+#: Old nodes of each new cell, and integrals, as `fill_rows` takes them.
+_Members: TypeAlias = tuple[LongArray, LongArray, IntArray, FloatArray]
 #: Numbers of entries of rows, and the columns and values of these.
 _Rows: TypeAlias = tuple[LongArray, IntArray, FloatArray]
 
@@ -78,18 +78,16 @@ class _Common(NamedTuple):
 
 def _common_cells(old: SimplexMesh, new: AnyMesh) -> _Common:
     """Return the cells with the same corners, to the last bit, in both meshes."""
-    place = merge_equal_points(np.concatenate([old.points, new.points]))[1].astype(np.int32)
-    places = place[: old.n_points], place[old.n_points :]
-    meshes = old, new
+    places = _same_places(old.points, new.points)
     rows, corners, keys = [], [], []
-    for mesh, own, others in zip(meshes, places, places[::-1], strict=True):
-        in_both = marked(others, len(place))[own]
-        found = np.flatnonzero(in_both[mesh.cells].all(axis=1))
+    for mesh, own, others in zip((old, new), places, places[::-1], strict=True):
+        in_both = (own >= 0) & marked(others[others >= 0], old.n_points)[own]
+        found = np.flatnonzero(~any_of(~in_both, mesh.cells))
         order = np.argsort(own[mesh.cells[found]], axis=1)
         rows.append(found)
         corners.append(np.take_along_axis(mesh.cells[found], order, axis=1))
-        keys.append(own[corners[-1]])
-    number = unique_rows(np.concatenate(keys), len(place))[1]
+        keys.append(own[corners[-1]].astype(np.int32))
+    number = unique_rows(np.concatenate(keys), old.n_points)[1]
     row_of = np.full(len(number), -1)
     row_of[number[: len(keys[0])]] = np.arange(len(keys[0]))
     row = row_of[number[len(keys[0]) :]]
@@ -98,39 +96,55 @@ def _common_cells(old: SimplexMesh, new: AnyMesh) -> _Common:
     return _Common(rows[0][row], rows[1][are_same], corners[0][row], corners[1][are_same])
 
 
-def _mass_of_common(old: SimplexMesh, new: AnyMesh, common: _Common) -> csr_array:
-    """Return the part of the mixed mass matrix that belongs to the common cells."""
-    k = old.cells.shape[1]
-    local = (1.0 + np.eye(k)) / (k * (k + 1.0))
-    values = new.measures[common.new][:, None, None] * local
-    rows = np.repeat(common.new_corners, k, axis=1).ravel()
-    columns = np.tile(common.old_corners, (1, k)).ravel()
-    return csr_array((values.ravel(), (rows, columns)), shape=(new.n_points, old.n_points))
+def _same_places(old: FloatArray, new: FloatArray) -> tuple[IndexArray, IndexArray]:
+    """Return for old and new nodes the first old node at the same place, -1 for none."""
+    one, other = hashes_of(old), hashes_of(new)
+    order = np.argsort(one, kind="stable")
+    ordered = one[order]
+    first = order[np.searchsorted(ordered, one)]
+    at = np.searchsorted(ordered, other).clip(max=len(order) - 1)
+    found = np.where(ordered[at] == other, order[at], -1)
+    kept = found >= 0
+    if not (np.array_equal(old[first], old) and np.array_equal(old[found[kept]], new[kept])):
+        # Two places share a hash.
+        number = merge_equal_points(np.concatenate([old, new]))[1]
+        place = np.full(len(number), -1)
+        place[number[: len(old)][::-1]] = np.arange(len(old))[::-1]
+        first, found = place[number[: len(old)]], place[number[len(old) :]]
+    return first, found
 
 
-def _mass_of_others(
-    old: SimplexMesh, new: AnyMesh, others: tuple[LongArray, list[_Overlaps]], workers: Workers
-) -> csr_array:
-    """Return the part of the mixed mass matrix that belongs to the other cells, in order."""
-    order, parts = others
-    shape = new.n_points, old.n_points
-    if not parts:
-        return csr_array(shape)
-    numbers = np.concatenate([part.n_nodes for part in parts])
-    n_rows, first_row = np.zeros((2, new.n_cells), np.int64)
-    n_rows[order], first_row[order] = numbers, np.cumsum(numbers) - numbers
-    nodes, values = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("nodes", "products")
-    )
-    members = first_row, n_rows, nodes, values
+def _members_of(
+    old: SimplexMesh, new: AnyMesh, others: tuple[LongArray, list[_Overlaps]], common: _Common
+) -> _Members:
+    """Return the nodes, in the rows of the tree, and the integrals of all new cells."""
+    (order, parts), k = others, old.cells.shape[1]
+    # In a cell that is the same, the hat functions of the two meshes are.
+    row_of_node = places_among(old.locator.node_of_point, old.n_points)
+    are_same = new.cells[common.new][:, None, :] == common.new_corners[:, :, None]
+    share = new.measures[common.new] / (_unit(old) * k * (k + 1.0))
+    nodes = [part.nodes for part in parts]
+    products = [part.products for part in parts]
+    nodes.append(row_of_node[common.old_corners].ravel())
+    products.append(((1.0 + are_same) * share[:, None, None]).reshape(-1, k))
+    numbers = np.concatenate([*(part.n_nodes for part in parts), np.full(len(share), k)])
+    which = np.concatenate([order, common.new])
+    count, first = np.zeros((2, new.n_cells), np.int64)
+    count[which], first[which] = numbers, np.cumsum(numbers) - numbers
+    return first, count, np.concatenate(nodes), np.concatenate(products)
+
+
+def _mixed_mass(old: SimplexMesh, new: AnyMesh, members: _Members, workers: Workers) -> csr_array:
+    """Return the mixed mass matrix."""
     around, found = rings(new.cells, new.n_points), dict[int, _Rows]()
     cells = read_only(np.ascontiguousarray(new.cells))
 
     def task(first: int, last: int) -> None:
-        room = int(n_rows[around[1][around[0][first] : around[0][last]]].sum())
+        room = int(members[1][around[1][around[0][first] : around[0][last]]].sum())
         counts, slot = np.empty(last - first, np.int64), np.zeros(old.n_points, np.int64)
         columns, values = np.empty(room, np.int32), np.empty(room)
-        used = fill_rows(around, cells, members, (first, last), slot, (counts, columns, values))
+        rows = counts, columns, values
+        used = fill_rows(around, cells, members, (first, last), slot, rows)
         found[first] = counts, columns[:used], values[:used]
 
     workers.in_chunks(task, new.n_points, _NODES_AT_ONCE, "sums at the nodes")
@@ -139,7 +153,7 @@ def _mass_of_others(
     )
     start = np.append(0, np.cumsum(counts))
     nodes = old.locator.node_of_point[columns]
-    return csr_array((values * _unit(old), nodes, start), shape=shape)
+    return csr_array((values * _unit(old), nodes, start), shape=(new.n_points, old.n_points))
 
 
 def _order_of(new: AnyMesh, common: _Common) -> LongArray:

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from adaptsize._pickling import once
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.need import Requested, pieces_of
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.background.migration import Piece, joined_pieces
 from adaptsize.background.partitioning import cut_part
-from adaptsize.background.topology import marked, rows_among
+from adaptsize.background.topology import any_of, marked, rows_among
 from adaptsize.metrics import Metric
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
@@ -36,24 +37,28 @@ def cells_to_remake(mesh: SimplexMesh, requested: Requested) -> BoolArray:
     """
     pieces = pieces_of(mesh.points, mesh.facets, requested)
     low, high = tuning.KEPT_EDGES
-    found = ((pieces < low) | (pieces > high))[mesh.cell_facets].any(axis=1)
+    found = any_of((pieces < low) | (pieces > high), mesh.cell_facets)
     low, high = np.log(tuning.KEPT_ON_AVERAGE)
     mean = _smoothed(mesh, np.log(np.maximum(pieces, 1e-300)))
-    found |= ((mean < low) | (mean > high))[mesh.cells].any(axis=1)
+    found |= any_of((mean < low) | (mean > high), mesh.cells)
     if not isinstance(requested, Metric):
-        found |= minimum_angles(mesh) < tuning.KEPT_ANGLE
+        # The cells to be kept are determined for the number of elements, and for the mesh.
+        found |= once(mesh, "_minimum_angles", lambda: minimum_angles(mesh)) < tuning.KEPT_ANGLE
     for _ in range(tuning.RINGS_AROUND):
-        found = marked(mesh.cells[found].ravel(), mesh.n_points)[mesh.cells].any(axis=1)
+        found = any_of(marked(mesh.cells[found].ravel(), mesh.n_points), mesh.cells)
     return np.asarray(found)
 
 
 def _smoothed(mesh: SimplexMesh, at_edges: FloatArray) -> FloatArray:
     """Return means at nodes over edges, twice, float64[n_points]."""
-    ends, n = mesh.facets.ravel(), mesh.n_points
-    count = np.maximum(np.bincount(ends, minlength=n), 1)
-    at_nodes = np.bincount(ends, np.repeat(at_edges, 2), n) / count
-    again = np.bincount(ends, np.repeat(at_nodes[mesh.facets].mean(axis=1), 2), n)
-    return np.asarray(again / count)
+    (i, j), n = mesh.facets.T, mesh.n_points
+
+    def summed(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(i, values, n) + np.bincount(j, values, n))
+
+    count = np.maximum(np.bincount(i, minlength=n) + np.bincount(j, minlength=n), 1)
+    at_nodes = summed(at_edges) / count
+    return np.asarray(summed(0.5 * (at_nodes[i] + at_nodes[j])) / count)
 
 
 def patched(mesh: SimplexMesh, is_gone: BoolArray, remesh: Remesh) -> SimplexMesh | None:

@@ -356,6 +356,8 @@ def boundary_distance(old: AnyMesh, new: AnyMesh) -> float:
             return np.empty((0, 1))
         return skin.locator.nearest(points)[2][:, None]
 
+    if isinstance(old, SimplexMesh):
+        return float(distances(new.points[nodes]).max(initial=0.0))
     boxes = boxes_around(old.points[np.unique(facets)], old.ranks)
     found = ask_nearest(old, boxes, new.points[nodes], distances)
     return float(old.ranks.allreduce(float(found.max(initial=0.0)), "max"))

@@ -137,7 +137,8 @@ class SimplexLocator(Locator):
         self.scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
         points = in_space(mesh.points[nodes] * self.scale)
         # Points and cells that are close in space are stored close in memory.
-        along = along_curve(points)
+        whole = len(nodes) == mesh.n_points
+        along = mesh._along_curve if whole else along_curve(points)
         #: The node of the mesh in each row of the points of the tree.
         self.node_of_point = nodes[along].astype(np.int32)
         number = np.zeros(mesh.n_points, np.int32)

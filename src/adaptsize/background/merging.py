@@ -109,6 +109,10 @@ def _are_alone(sides: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return np.asarray(np.bincount(number)[number] == 1)
 
 
+#: A unit vector along which no two points of a regular grid are at one place.
+_DIRECTION = np.sqrt([0.2, 0.3, 0.5])
+
+
 def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, IndexArray]:
     """Return the distinct points in order of first appearance, and the number of each.
 
@@ -136,6 +140,28 @@ def hashes_of(points: FloatArray) -> npt.NDArray[np.uint64]:
         mixed *= np.uint64(0xBF58476D1CE4E5B9)
         mixed ^= mixed >> np.uint64(32)
     return mixed
+
+
+def nodes_there(points: FloatArray, places: FloatArray, within: float) -> IndexArray:
+    """Return for each place the nearest of some points within a distance, -1 if there is none.
+
+    Points are sorted along a line on which hardly any two are so close; a tree, which is needed
+    otherwise, takes three times as long.  Coordinates have to be known to less than the distance.
+    """
+    along = _DIRECTION[: points.shape[1]]
+    on_line, width = points @ along, 2.0 * within
+    order = np.argsort(on_line)
+    on_line = on_line[order]
+    if (np.diff(on_line) <= 2.0 * width).any():
+        from scipy.spatial import cKDTree
+
+        distance, number = cKDTree(points).query(places, distance_upper_bound=within)
+        return np.where(np.isfinite(distance), number, -1)
+    # At most one point is as close on the line.
+    row = np.searchsorted(on_line, places @ along - width).clip(max=len(order) - 1)
+    number = order[row]
+    near = np.square(points[number] - places).sum(axis=1) <= within * within
+    return np.where(near, number, -1)
 
 
 def first_at_place(points: FloatArray, within: float) -> IndexArray:

@@ -19,6 +19,7 @@ from adaptsize._pickling import ReadOnlyState
 from adaptsize._workers import in_all_threads
 from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
+from adaptsize.background._curve import along_curve
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
 from adaptsize.background.methods.exchange import ExchangeMethods
@@ -307,6 +308,11 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
         See `SimplexLocator.nearest`.
         """
         return SimplexLocator(self)
+
+    @cached_property
+    def _along_curve(self) -> IntArray:
+        """The nodes in the order of a Morton curve, int32[n_points]."""
+        return arrays.read_only(along_curve(self.points))
 
     @property
     def is_closed(self) -> bool:

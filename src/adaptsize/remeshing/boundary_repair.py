@@ -45,6 +45,7 @@ from adaptsize._kernels.local_mesh import (
     new_work,
 )
 from adaptsize.background import SimplexMesh
+from adaptsize.background._mesh_arrays import centroids
 from adaptsize.background.location import in_space
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import places_among
@@ -53,7 +54,7 @@ from adaptsize.remeshing.following import Follower, Groups, samples_of_parts
 from adaptsize.remeshing.protocol import NO_TAG
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.skins import corners_of, kind_of, skin_of, skin_of_given
-from adaptsize.typing import FloatArray, IntArray, LongArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 #: The kinds of meshes in `tuning`.
 _NAMES = {TETRAHEDRA: "tetrahedra", SURFACE: "surface", PLANE: "plane triangles"}
@@ -111,7 +112,12 @@ def repaired(
         wanted = wanted._replace(least=max(wanted.least, float(angles.min())))
     elif not (angles < goal).any():
         return mesh
-    sizes = _lengths_around(mesh) if size is None else size(mesh.points)
+    if size is None:
+        sizes = _lengths_around(mesh)
+    elif wanted is None:
+        sizes = _sizes_near(mesh, angles < goal, size)
+    else:
+        sizes = size(mesh.points)
     mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
     if kind in tuning.LAST_GOAL and (angles_of(mesh) < tuning.LAST_GOAL[kind]).any():
         goal = tuning.LAST_GOAL[kind]
@@ -141,6 +147,21 @@ def _lengths_around(mesh: SimplexMesh) -> FloatArray:
     mean = np.bincount(ends[:, 0], lengths, mesh.n_points) / count
     wider = np.bincount(ends[:, 0], mean[ends[:, 1]], mesh.n_points) / count
     return np.maximum(mean, wider)
+
+
+def _sizes_near(mesh: SimplexMesh, bad: BoolArray, size: Size) -> FloatArray:
+    """Return the sizes at the nodes near some cells, 0 elsewhere: there, no edge gets longer."""
+    cells = mesh.cells[bad]
+    if len(cells) > tuning.FEW_BAD_CELLS:
+        return size(mesh.points)
+    near, middles = np.zeros(mesh.n_points, np.bool_), centroids(mesh.points, cells)
+    for middle, at_middle, corners in zip(middles, size(middles), cells, strict=True):
+        away2 = np.square(mesh.points - middle).sum(axis=1)
+        reach2 = tuning.REACH_OF_REPAIR**2 * max(at_middle**2, away2[corners].max())
+        near |= away2 <= reach2
+    sizes = np.zeros(mesh.n_points)
+    sizes[near] = size(mesh.points[near])
+    return sizes
 
 
 class _Tags(NamedTuple):

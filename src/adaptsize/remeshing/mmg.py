@@ -28,6 +28,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -417,6 +418,7 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
 MMG = Program(_write_job, _RESULT, _read_job)
 
 
+@cache
 def _executable(task: str) -> str:
     """Return the path of the program, in the package or on the search path."""
     name = _PROGRAMS[task]

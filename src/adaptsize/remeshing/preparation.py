@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
-from adaptsize.background.merging import first_at_place
+from adaptsize.background.merging import first_at_place, nodes_there
 from adaptsize.background.topology import (
     compacted,
     have_different_nodes,
@@ -256,14 +256,11 @@ class Frame(NamedTuple):
 
     def restored(self, new: SimplexMesh, old: SimplexMesh) -> SimplexMesh:
         """Return a mesh in the given coordinates; nodes that have not moved are exactly those."""
-        from scipy.spatial import cKDTree
-
         points = self.from_own(new.points)
-        tree = cKDTree(self.to_own(old.points))
         # Generators that scale their input move nodes that they keep by rounding, by less than
         # this.
-        distance, number = tree.query(new.points, distance_upper_bound=1e-13)
-        kept = np.isfinite(distance)
+        number = nodes_there(self.to_own(old.points), new.points, 1e-13)
+        kept = number >= 0
         points[kept] = old.points[number[kept]]
         return new.moved(points)
 

@@ -8,7 +8,7 @@ import numpy as np
 from adaptsize._kernels.local_mesh import PLANE, SURFACE, TETRAHEDRA
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import facets_with_normals
-from adaptsize.background.topology import regions_beside
+from adaptsize.background.topology import compacted, regions_beside
 from adaptsize.geometry.creases import feature_facets, normals_of
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import facet_numbers
@@ -108,8 +108,10 @@ def skin_of_given(given: SimplexMesh, mesh: SimplexMesh, *, keep_sharp: bool) ->
 
 def corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
     """Return the nodes where other than two lines meet, or two of different tags, or they turn."""
+    is_corner = np.zeros(len(points), np.bool_)
+    nodes, lines = compacted(lines)  # few of all points
+    points = points[nodes]
     degree = np.bincount(lines.ravel(), minlength=len(points))
-    is_corner = (degree != 2) & (degree != 0)
     arms = np.zeros((len(points), 3))
     along = points[lines[:, 1]] - points[lines[:, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)[:, None]
@@ -120,4 +122,5 @@ def corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArra
     least, most = np.full(len(points), NO_TAG), np.full(len(points), -NO_TAG)
     np.minimum.at(least, lines, tags[:, None])
     np.maximum.at(most, lines, tags[:, None])
-    return np.asarray(is_corner | ((degree == 2) & (turns | (least != most))))
+    is_corner[nodes] = (degree != 2) | turns | (least != most)
+    return is_corner

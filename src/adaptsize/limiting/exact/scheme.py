@@ -278,7 +278,7 @@ def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool
     mesh = component.mesh
     if component.workers.threads == 1 or mesh.n_points < _MANY:
         component = component._replace(
-            order=along_curve(mesh.points), meet=bounds_meet(mesh.cells, component.h0, 1)
+            order=mesh._along_curve, meet=bounds_meet(mesh.cells, component.h0, 1)
         )
         return component, boundary_of(mesh, 1), bool(mesh.in_a_cell.all())
     with ThreadPoolExecutor(1) as pool:
