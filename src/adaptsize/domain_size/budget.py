@@ -277,7 +277,8 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
     request.progress(Stage("sizes"), None)
     size = domain.size_for(replace(request, relaxation=relaxation))
-    report, dim = report_of(size), size.background.dim
+    report, dim = replace(report_of(size), relaxation=relaxation), size.background.dim
+    size = replace(size, report=report)
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
         if domain.overlaps:  # narrow parts between bodies are inside of their union
@@ -290,6 +291,6 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
             dim, found = mesh.cell_dim, predict(mesh, size, backend="mmg")
     report = replace(
         report, n_elements=found.cells, n_facets=found.facets, n_nodes=found.nodes,
-        element_dim=dim, relaxation=relaxation,
+        element_dim=dim,
     )  # fmt: skip
     return replace(size, report=report)

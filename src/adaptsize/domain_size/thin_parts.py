@@ -12,6 +12,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import rows_among
 from adaptsize.domain_size import tuning
+from adaptsize.domain_size.parameters import chords_of
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.width import Width
 from adaptsize.sizes.budget import CELLS_PER_PREDICTED, ELEMENTS_PER_MEASURE, nodes_of
@@ -44,14 +45,17 @@ class ThinParts:
     def added_to(self, found: Prediction, size: SizeFunction) -> Prediction:
         """Return a prediction of sizes on a refined surface with what thin parts add to it."""
         facets, in_strips = self._in_strips(size)
-        cells = max(found.cells + self._in_walls(size) + in_strips, found.facets)
-        facets += found.facets
+        on_sides, in_walls = self._in_walls(size)
+        cells = max(found.cells + in_walls + in_strips, on_sides)
+        facets += on_sides
         return Prediction(cells, facets, nodes_of(3, cells, facets))
 
-    def _in_walls(self, size: SizeFunction) -> float:
-        """Return the integral of the cells that thin walls have more, by points of the surface.
+    def _in_walls(self, size: SizeFunction) -> tuple[float, float]:
+        """Return the facets, and the cells that thin walls have more, by points of the surface.
 
-        There are as many points in places as facets, and the same ones for each relaxation.
+        There are as many points in places as facets, and the same ones for each relaxation.  Inside
+        of facets, sizes may be smaller than between their nodes.  Cells in walls are as many as
+        their facets, which are smaller than the size where Mmg keeps chords within the tolerance.
         """
         mesh, h = size.background, size.values
         assert isinstance(mesh, SimplexMesh)
@@ -63,14 +67,25 @@ class ThinParts:
         cell = np.minimum(cell, mesh.n_cells - 1)
         weights = rng.dirichlet(np.ones(3), n)
         points = np.einsum("ij,ijk->ik", weights, mesh.points[mesh.cells[cell]])
-        sizes = np.einsum("ij,ij->i", weights, h[mesh.cells[cell]])
-        wide = self._widths(points) / sizes
-        (least, first, steep), (later, flat) = tuning.IN_WALLS
-        filled = 0.5 * CELLS_PER_PREDICTED["mmg inside", 3] * ELEMENTS_PER_MEASURE[3] * wide
-        made = np.minimum(np.maximum(least, first + steep * wide), later + flat * wide)
-        with np.errstate(invalid="ignore"):  # where there is no opposite wall
-            more = np.where(np.isfinite(wide), np.maximum(made - filled, 0.0), 0.0) * sizes**-2.0
-        return float(number[-1] * np.mean(more / density[cell]))
+        sizes = np.asarray(size(points))
+        edges = np.minimum(sizes, self._longest(size)[mesh.cells[cell]].min(axis=1))
+        widths, areas = self._widths(points), number[-1] / n / density[cell]
+        filled = 0.5 * CELLS_PER_PREDICTED["mmg inside", 3] * ELEMENTS_PER_MEASURE[3] * widths
+        made = np.interp(widths / edges, *np.transpose(tuning.IN_WALLS)) * edges**-2.0
+        facets = float((ELEMENTS_PER_MEASURE[2] * edges**-2.0 * areas).sum())
+        return facets, float((np.maximum(made - filled * sizes**-3.0, 0.0) * areas).sum())
+
+    def _longest(self, size: SizeFunction) -> FloatArray:
+        """Return the longest edges that Mmg makes at the nodes that carry the sizes."""
+        report = size.report
+        bound = None if report is None else report.bounds.get("curvature")
+        if report is None or bound is None or not np.isfinite(report.tolerance):
+            return np.full(size.values.shape, np.inf)
+        allowed = report.tolerance * self.faces.mesh.diameter
+        by_chords = bound**2.0 / (chords_of(report.relaxation) * allowed)
+        with np.errstate(invalid="ignore"):  # 0 elements per radian where the surface is flat
+            radius = np.fmax(report.elements_per_radian * bound, by_chords)
+        return np.asarray(np.sqrt(tuning.MADE_CHORDS * allowed * radius))
 
     def _widths(self, points: FloatArray) -> FloatArray:
         surface, scale = self.faces.mesh, self.faces.frame.scale
