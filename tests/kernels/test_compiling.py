@@ -1,7 +1,9 @@
 """Compiling of kernels, and the cache, which notices edits in the files of other kernels."""
 
 import gc
+import math
 import os
+import re
 import subprocess
 import sys
 
@@ -12,7 +14,7 @@ from numba.core.caching import NullCache
 from numba.core.types.functions import BaseFunction
 
 from adaptsize._kernels import linking
-from adaptsize._kernels.compiling import inner, kernel, lean
+from adaptsize._kernels.compiling import inlined, inner, kernel, lean, lean_kernel
 
 OUTER = """
 from adaptsize._kernels.compiling import kernel
@@ -125,6 +127,31 @@ def test_functions_that_only_kernels_call_have_no_machine_code():
     part, whole = (next(iter(f.overloads.values())) for f in (_through_two, _doubled))
     assert part.library.get_pointer_to_function(part.fndesc.mangled_name) == 0
     assert whole.library.get_pointer_to_function(whole.fndesc.mangled_name) != 0
+
+
+@inlined
+def _long(x):
+    """Compute so much that LLVM would not inline it by itself."""
+    x = math.sin(x) + math.cos(x) * math.exp(x) - math.atan2(x, 2.0) * math.hypot(x, 3.0)
+    x = math.tan(x) + math.cosh(x) * math.exp(x) - math.atan2(x, 4.0) * math.hypot(x, 5.0)
+    x = math.sin(x) + math.cos(x) * math.erf(x) - math.atan2(x, 6.0) * math.hypot(x, 7.0)
+    x = math.tan(x) + math.tanh(x) * math.erf(x) - math.atan2(x, 8.0) * math.hypot(x, 9.0)
+    return math.sin(x) + math.cos(x) * math.erfc(x) - math.atan2(x, 1.0) * math.hypot(x, 2.0)
+
+
+@lean_kernel
+def _three_times(x):
+    return _long(x) + _long(2.0 * x) + _long(3.0 * x)
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+def test_functions_to_be_inlined_are_typed_once_and_called_nowhere(monkeypatch):
+    monkeypatch.setattr(_three_times, "_cache", NullCache())
+    expected = sum(_long.py_func(x) for x in (0.1, 0.2, 0.3))
+    assert _three_times(0.1) == pytest.approx(expected, rel=1e-12)
+    assert len(_long.signatures) == 1
+    (code,) = _three_times.inspect_llvm().values()
+    assert not re.search(r"\bcall\b.*5_long", code)  # as the name is mangled
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")

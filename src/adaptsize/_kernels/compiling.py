@@ -193,9 +193,10 @@ inner = _cached(no_cpython_wrapper=True)
 lean_kernel = _cached(_nrt=False, error_model="numpy")
 lean = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True)
 
-#: The same, for short functions that take many arrays: a call would copy what describes each of
-#: them, which took a third of the time of intersections.
-inlined = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True, inline="always")
+#: The same, for functions that take many arrays: a call would copy what describes each of them,
+#: which took a third of the time of intersections.  LLVM inlines them into their callers; numba
+#: (``inline="always"``) would find the types in each copy again.
+inlined = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True, forceinline=True)
 
 _generated = _njit(
     nogil=True,

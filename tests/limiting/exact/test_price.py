@@ -5,6 +5,7 @@ import pickle
 import weakref
 
 import domains
+import numba
 import numpy as np
 import pytest
 from jagged_solids import jagged_solid
@@ -170,6 +171,19 @@ def test_expansion_starts_at_points_between_the_nodes(seed, monkeypatch):
     places = mesh.points[mesh.cells].mean(axis=1)
     sizes = (ads.SizeFunction(mesh, h, sources=own.sources)(places) for own in (info, same))
     assert_allclose(*sizes, rtol=1e-12)
+
+
+def test_bounds_at_points_take_the_kernel_that_is_compiled_for_those_at_nodes(monkeypatch):
+    mesh, h0 = MANY
+    expand, calls = expansion.kernels.expand, []
+    monkeypatch.setattr(
+        expansion.kernels, "expand", lambda *args: calls.append(numba.typeof(args)) or expand(*args)
+    )
+    place = mesh.points[mesh.cells[7]].mean(axis=0, keepdims=True)
+    for given in (None, (place, [0.01])):
+        limit_gradient(mesh, h0, G, point_sources=given)
+    assert len(calls) > 1
+    assert len(set(calls)) == 1
 
 
 def test_bounds_at_points_among_many_corners_need_no_lines_of_sight(monkeypatch):

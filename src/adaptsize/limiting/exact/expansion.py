@@ -10,6 +10,7 @@ from adaptsize._kernels.exact_plane import COLUMNS, KIND
 from adaptsize._kernels.heap import new_heap, push_all
 from adaptsize._kernels.sight import ANY, NARROW
 from adaptsize.background import SimplexMesh
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.limiting.exact.candidates import Component, Extra
@@ -139,10 +140,11 @@ def _with_points(
     which, cells = mesh.locator.within(extra.points, 2.0 * slack)
     counts = np.bincount(which, minlength=len(extra.points))
     ends = triangles.ring_ptr[-1] + np.cumsum(counts)
+    ends = ends.astype(triangles.ring_ptr.dtype)
     return triangles._replace(
-        points=np.concatenate([triangles.points, extra.points]),
-        ring_ptr=np.concatenate([triangles.ring_ptr, ends.astype(triangles.ring_ptr.dtype)]),
-        ring=np.concatenate([triangles.ring, cells]),
+        points=read_only(np.concatenate([triangles.points, extra.points])),
+        ring_ptr=read_only(np.concatenate([triangles.ring_ptr, ends])),
+        ring=read_only(np.concatenate([triangles.ring, cells])),
     )
 
 
