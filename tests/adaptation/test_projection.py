@@ -13,6 +13,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, FieldTransfer, SimplexMesh, adapt, transfer_fields
 from adaptsize._workers import Workers
+from adaptsize.adaptation import overlaps
 from adaptsize.adaptation.overlaps import intersections_of
 from adaptsize.sizes.budget import nodal_measures
 
@@ -234,3 +235,22 @@ def test_changes_of_integrals_are_relative_to_the_size_of_the_field(generator):
     assert max(map(float, changes.values())) < 1e-12
     # Sums over 16 x 8 squares of |x|.
     assert result.report.magnitudes["u"] == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_cells_that_are_the_same_count_as_their_intersections_do(dim, monkeypatch):
+    """Also if the hashes of all places are one."""
+    old, _ = pair(dim)
+    points = old.points.copy()
+    inner = (np.abs(points) < 0.5).all(axis=1)
+    points[inner] += 0.02 * np.random.default_rng(SEED).random((inner.sum(), dim))
+    new = SimplexMesh(points, old.cells[::-1])
+    common = overlaps._common_cells(old, new)
+    assert 0.1 * old.n_cells < len(common.new) < 0.9 * old.n_cells
+    expected = mixed(old, new).toarray()
+    monkeypatch.setattr(overlaps, "hashes_of", lambda x: np.zeros(len(x), np.uint64))
+    assert_array_equal(mixed(old, new).toarray(), expected)
+    monkeypatch.setattr(
+        overlaps, "_common_cells", lambda *_: type(common)(*(x[:0] for x in common))
+    )
+    assert_allclose(mixed(old, new).toarray(), expected, rtol=0.0, atol=1e-14)

@@ -52,3 +52,12 @@ def test_bounds_at_two_nodes_of_the_last_cell_meet(meets, threads):
     h0[::2] = 1.0
     h0[-2] = 1.0 if meets else np.inf
     assert bounds_meet(cells, h0, threads) == meets
+
+
+@pytest.mark.parametrize("flat", [(2,), (0,), (1, 2), (0, 2)])
+def test_axes_along_which_all_is_in_one_place_do_not_change_the_order(flat):
+    points = np.random.default_rng(19).random((500, 3))
+    points[:, flat] = 0.75
+    assert np.array_equal(along_curve(points), slow_order(points))
+    rest = [d for d in range(3) if d not in flat]
+    assert np.array_equal(along_curve(points), along_curve(points[:, rest]))

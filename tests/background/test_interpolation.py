@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from meshes import random_square
 
-from adaptsize import CartesianGrid, Octree, interpolate, refine_at_boundary
+from adaptsize import CartesianGrid, Octree, SimplexMesh, interpolate, refine_at_boundary
+from adaptsize.background.interpolation import cell_gradients, hat_gradients
 
 GRID = CartesianGrid((-1.0, -1.0), 0.25, (9, 9))
 TREE = Octree.build(
@@ -55,3 +56,20 @@ def test_only_what_is_outside_by_more_than_rounding_is_nan(background, scale):
     points = [end + off * across for off in (1e-14, 1e-10, 1e-3)]
     found = np.isnan(interpolate(background, values, points, outside="nan"))
     np.testing.assert_array_equal(found, [False, True, True])
+
+
+def test_gradients_in_the_plane_are_those_of_the_hat_functions():
+    rng = np.random.default_rng(77)
+    points = rng.random((40, 2))
+    points[30:] = np.linspace(0.0, 1.0, 10)[:, None] * [0.5, 0.25]
+    cells = np.array([rng.permutation(40)[:3] for _ in range(200)] + [[30, 33, 36]])
+    mesh, values = SimplexMesh(points, cells), rng.random(40)
+    values[7] = np.inf
+    found = cell_gradients(mesh, values)
+    measures, hats = hat_gradients(mesh)
+    bounded = np.isfinite(values[cells]).all(axis=1)
+    assert (found[~bounded] == 0.0).all()
+    assert found[-1].tolist() == [0.0, 0.0]
+    solid = bounded & (measures > 0.0)
+    expected = np.einsum("cv,cvd->cd", values[cells[solid]], hats[solid])
+    np.testing.assert_allclose(found[solid], expected, rtol=1e-9, atol=1e-9)

@@ -9,7 +9,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from adaptsize.background.merging import _near_pairs, corner_distance, place_numbers
+from adaptsize.background.merging import (
+    _near_pairs,
+    corner_distance,
+    nodes_there,
+    place_numbers,
+)
 from adaptsize.background.topology import components_of
 
 
@@ -82,3 +87,21 @@ def test_corners_of_triangles_that_are_apart_are_not_joined():
     nearly[3:] = points[:3]
     nearly[3:, 2] = 1e-4
     assert 1e-4 <= corner_distance(nearly, cells) <= 2e-4
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("kind", ["random", "grid", "doubled"])
+def test_nodes_that_have_not_moved_are_found_as_by_a_tree(dim, kind):
+    rng = np.random.default_rng(5_881)
+    points = rng.random((400, dim))
+    if kind == "grid":
+        axes = [np.linspace(0.0, 1.0, 7)] * dim
+        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, dim)
+    elif kind == "doubled":  # some are nearer to each other than the distance
+        points = np.concatenate([points, points[:9] + 3e-14])
+    moved = points + 2e-14 * rng.normal(size=points.shape)
+    places = np.concatenate([moved, rng.random((50, dim)), points[:5] + 3e-13])
+    distance, number = cKDTree(points).query(places, distance_upper_bound=1e-13)
+    expected = np.where(np.isfinite(distance), number, -1)
+    assert (expected[: len(points)] >= 0).sum() > 0.9 * len(points)
+    assert_array_equal(nodes_there(points, places, 1e-13), expected)

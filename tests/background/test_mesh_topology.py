@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh
+from adaptsize.background._mesh_arrays import centroids, lengths
+from adaptsize.background.topology import any_of
 
 KINDS = {"segments": (2, 2), "plane": (3, 2), "surface": (3, 3), "volume": (4, 3), "line": (2, 1)}
 
@@ -91,3 +93,15 @@ def test_rows_of_a_hub_are_sorted_as_others(n):
     edges, number = np.unique(pairs, axis=0, return_inverse=True)
     assert np.array_equal(mesh.edges, edges)
     assert np.array_equal(np.bincount(number.ravel()), mesh.facet_cell_counts)
+
+
+@given(any_meshes())
+def test_what_is_done_column_by_column_is_what_numpy_does_by_rows(mesh):
+    """To the last bit."""
+    points, cells = mesh.points, mesh.cells
+    assert np.array_equal(centroids(points, cells), points[cells].mean(axis=1))
+    ends = cells[:, :2]
+    norms = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    assert np.array_equal(lengths(points, ends), norms)
+    flags = points[:, 0] > 1.0
+    assert np.array_equal(any_of(flags, cells), flags[cells].any(axis=1))

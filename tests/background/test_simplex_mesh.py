@@ -2,12 +2,14 @@
 
 import pickle
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh
 from adaptsize.distributed import PartitionedMesh
+from adaptsize.remeshing.preparation import facets_that_stay
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 HALVES = [[0, 1, 2], [0, 2, 3]]
@@ -179,3 +181,30 @@ def test_the_first_mesh_of_a_loop_goes_with_fields_and_pickles_but_not_with_othe
     part = PartitionedMesh.from_serial(mesh)
     assert part.with_original(first).original is first
     assert part.original is None
+
+
+@pytest.mark.parametrize("unit", [1e-59, 1.0, 1e59])
+def test_areas_are_those_of_rational_numbers_and_0_of_flat_triangles(unit):
+    rng = np.random.default_rng(61)
+    points = rng.normal(size=(60, 2))
+    points[30:, 1] = 0.7 * points[30:, 0] + rng.normal(size=30) * 10.0 ** rng.uniform(-9, -1, 30)
+    points[50:] = points[50] + np.linspace(0.0, 1.0, 10)[:, None] * [0.5, 0.25]  # exactly flat
+    cells = np.array([rng.permutation(60)[:3] for _ in range(300)] + [[50, 53, 56], [52, 58, 51]])
+    mesh = SimplexMesh(unit * points, cells)
+    exact = []
+    for corners in mesh.points[mesh.cells]:
+        (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in corners.tolist())
+        twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        exact.append(float(abs(twice) / 2))
+    assert mesh.measures[-2:].tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(mesh.measures, exact, rtol=1e-6, atol=1e-15 * unit**2)
+
+
+def test_meshes_with_moved_nodes_share_what_does_not_depend_on_places():
+    mesh = SimplexMesh(SQUARE, HALVES)
+    facets = facets_that_stay(mesh)
+    bulk = mesh.in_a_cell
+    moved = mesh.moved(2.0 * mesh.points)
+    assert facets_that_stay(moved) is facets
+    assert moved.in_a_cell is bulk
+    assert moved.measures.tolist() == [2.0, 2.0]

@@ -16,8 +16,10 @@ from adaptsize import (
     size_function,
 )
 from adaptsize.background.bisection import resolved
-from adaptsize.quality.by_place import RequestedElements
+from adaptsize.errors import ResolutionWarning
+from adaptsize.quality.by_place import RequestedElements, surely_served
 from adaptsize.quality.requests import unserved
+from adaptsize.remeshing.delivery import warn_of_lacks
 from adaptsize.sizes import predict
 
 G = 0.25
@@ -221,3 +223,35 @@ def test_places_without_a_bound_request_nothing():
     assert found.served == 1.0
     elements = RequestedElements.of(mesh, h).served().elements
     assert elements == pytest.approx(4.0 / np.sqrt(3.0) * 0.5 / 0.3**2)
+
+
+def test_a_sample_of_edges_shows_what_is_surely_served():
+    base, mesh = grid_of_triangles(40), grid_of_triangles(37)
+    edge = np.mean(mesh.edge_lengths)
+
+    def fine(x):
+        return edge * np.where(box_distance(x, [0.1, 0.1], [0.4, 0.4]) < 0.05, 0.4, 1.0)
+
+    def even(x):
+        return np.full(len(x), edge)
+
+    assert surely_served(mesh, even, base, even(base.points)) == 1.0
+    missed = RequestedElements.of(mesh, fine).served()
+    found = surely_served(mesh, fine, base, fine(base.points))
+    assert missed.too_coarse > 0.4
+    assert found < 1.0 - 0.8 * missed.too_coarse
+    # Where cells of the given sizes request many elements, edges do not show what lies between.
+    coarse = grid_of_triangles(4)
+    assert surely_served(mesh, even, coarse, even(coarse.points)) == 0.0
+
+
+def test_work_that_a_sample_shows_to_be_superfluous_is_left_out(monkeypatch):
+    base, asked = grid_of_triangles(20), []
+    size = SizeFunction(base, np.full(base.n_points, np.mean(base.edge_lengths)))
+    of = RequestedElements.of
+    monkeypatch.setattr(RequestedElements, "of", lambda *given: asked.append(given) or of(*given))
+    assert warn_of_lacks(base, size, size, base) is None
+    assert not asked
+    with pytest.warns(ResolutionWarning, match="are missing, since the cells there are too large"):
+        warn_of_lacks(grid_of_triangles(10), size, size, base)
+    assert len(asked) == 1

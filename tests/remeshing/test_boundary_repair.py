@@ -437,3 +437,32 @@ def test_nodes_leave_the_surface_where_a_wall_is_much_thinner_than_the_tolerance
     assert minimum_angles(new).min() > 15.0
     assert gap(facets_of(new), facets_of(mesh)) <= tolerance
     assert overlapping_cells(new) is None
+
+
+def test_sizes_are_evaluated_near_bad_cells_only(monkeypatch):
+    rng = np.random.default_rng(3_107)
+    points = rng.random((4000, 2))
+    corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    points = np.concatenate([CartesianGrid((0.0, 0.0), 1 / 60, (61, 61)).mesh.points, corners])[
+        :3721
+    ]
+    inner = ((points > 0.0) & (points < 1.0)).all(axis=1)
+    points[inner] += 0.002 * rng.random((inner.sum(), 2))
+    at = np.argmin(np.linalg.norm(points - [0.3, 0.6], axis=1))
+    points[at] += [0.012, 0.004]
+    mesh = positive(points, Delaunay(points).simplices)
+    bad = angles_of(mesh) < tuning.GOAL["plane triangles"]
+    assert 0 < bad.sum() <= tuning.FEW_BAD_CELLS
+    asked = []
+
+    def size(x):
+        asked.append(len(x))
+        return np.full(len(x), 1 / 60)
+
+    new = repaired(mesh, mesh, 1e-3, size)
+    assert sum(asked) < 0.2 * mesh.n_points
+    assert angles_of(new).min() > angles_of(mesh).min()
+    monkeypatch.setattr(tuning, "FEW_BAD_CELLS", 0)
+    same = repaired(mesh, mesh, 1e-3, size)
+    np.testing.assert_array_equal(same.points, new.points)
+    np.testing.assert_array_equal(same.cells, new.cells)

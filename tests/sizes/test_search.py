@@ -109,3 +109,35 @@ def test_the_smallest_tolerance_is_enough_and_a_smaller_one_is_not(load, power):
         assert load_of(offer) <= 1.02
         assert load_of(0.8 * offer) > 1.0
         assert offer == rounded_up(offer)
+
+
+def test_a_predicted_number_replaces_the_expected_order():
+    """With the order of the prediction, a number that falls slowly is met by the second trial."""
+    for is_predicted in (True, False):
+        search = Search(1000.0, 2.0, 1e-3)
+        search.add(1500.0, None)
+        if is_predicted:
+            search.expect(1500.0 * search.factor**-0.7)
+        search.add(1500.0 * search.factor**-0.7, None)
+        assert (search.factor is None) == is_predicted
+    search = Search(1000.0, 2.0, 1e-3)
+    search.add(1500.0, None)
+    before = search.factor
+    for useless in (0.0, math.inf, math.nan):
+        search.expect(useless)
+        assert search.factor == before
+    met = Search(1000.0, 2.0, 1e-3)
+    met.add(1000.0, None)
+    met.expect(500.0)
+    assert met.factor is None
+
+
+def test_a_search_for_another_number_begins_with_the_last_trial():
+    search = Search(1000.0, 2.0, 1e-3, start=3.0)
+    search.add(1500.0, "first")
+    search.expect(1500.0 * (search.factor / 3.0) ** -0.7)
+    other = search.for_other(1200.0)
+    assert [trial.result for trial in other.trials] == ["first"]
+    assert other.factor == pytest.approx(3.0 * (1500.0 / 1200.0) ** (1.0 / 0.7))
+    assert search.for_other(1500.5).factor is None
+    assert search.wanted == 1000.0

@@ -85,6 +85,9 @@ class Enclosing(NamedTuple):
     """Returns which points, float64[n, 3], are inside."""
 
 
+#: Packages that were found, each with the function that did so.
+_INSTALLED: set[tuple[str, Callable[[str], object]]] = set()
+
 #: Marks facets without a tag.  It is outside int32, so it cannot equal a tag.
 NO_TAG = np.int64(2) ** 40
 
@@ -179,6 +182,13 @@ class MeshingProblem:
         return mean_of(self.metric_at_nodes, self.mesh.cell_dim)
 
 
+def is_installed(package: str, find: Callable[[str], object]) -> bool:
+    """Return whether a package can be imported; once found, it is not searched for again."""
+    if (package, find) not in _INSTALLED and find(package) is not None:
+        _INSTALLED.add((package, find))
+    return (package, find) in _INSTALLED
+
+
 class Backend(Protocol):
     """An adapter to one mesh generator: a class with these attributes and the method ``solve``.
 
@@ -215,7 +225,7 @@ class Backend(Protocol):
     @property
     def installed(self) -> bool:
         """Whether the package can be imported."""
-        return find_spec(self.package) is not None
+        return is_installed(self.package, find_spec)
 
     def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return the new mesh, which is checked by the caller.

@@ -19,6 +19,9 @@ from adaptsize.sizes.budget import count_elements
 from adaptsize.sizes.search import ACCURACY_OF_SCALE, Search, search_of_scale
 from adaptsize.typing import FloatArray, GradientLimit, IntArray
 
+# Predictions after each limit at most.  One is enough if the last scale is near.
+_PREDICTIONS = 4
+
 #: Takes sizes and their number of simplices, and returns another number.
 Corrected: TypeAlias = Callable[[FloatArray, float], float]
 
@@ -105,14 +108,33 @@ def sizes_for_number(
     search: Search[FloatArray] = search_of_scale(number, mesh.cell_dim, start, accuracy, bounds)
     while (factor := search.factor) is not None:
         found = limit.limited(limit.bounded(sizes(factor)))
-        there = count_elements(mesh, found.h)
-        search.add(there, found.h)
-        about: FloatArray | None = found.h
-        if search.factor is not None:
-            about = found.near(limit.bounded(sizes(search.factor)))
-            if about is not None:
-                there = count_elements(mesh, about)
-                search.expect(there)
-        if corrected is not None and about is not None and search.is_about(there):
-            search, corrected = search.for_other(corrected(about, there)), None
+        search.add(count_elements(mesh, found.h), found.h)
+        about = _predicted(mesh, search, found, lambda scale: limit.bounded(sizes(scale)))
+        if corrected is not None and about is not None:
+            search, corrected = search.for_other(corrected(*about)), None
     return search.best.result
+
+
+def _predicted(
+    mesh: AnyMesh,
+    search: Search[FloatArray],
+    found: Limited,
+    bounds_at: Callable[[float], FloatArray],
+) -> tuple[FloatArray, float] | None:
+    """Return sizes of about the wanted number on the paths of the last ones, and their number.
+
+    None if there are none, or the paths are not known.  The next factor of the search is that for
+    which the number is predicted.
+    """
+    sizes, number = found.h, search.trials[-1].number
+    for _ in range(_PREDICTIONS):
+        if search.factor is None:
+            break
+        near = found.near(bounds_at(search.factor))
+        if near is None:
+            return None
+        sizes, number = near, count_elements(mesh, near)
+        search.expect(number)
+        if search.is_about(number):
+            break
+    return (sizes, number) if search.is_about(number) else None
