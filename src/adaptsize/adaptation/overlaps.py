@@ -148,6 +148,8 @@ def _mixed_mass(old: SimplexMesh, new: AnyMesh, members: _Members, workers: Work
         found[first] = counts, columns[:used], values[:used]
 
     workers.in_chunks(task, new.n_points, _NODES_AT_ONCE, "sums at the nodes")
+    if not found:  # this rank has no nodes
+        return csr_array((0, old.n_points))
     counts, columns, values = (
         np.concatenate(every) for every in zip(*(found[k] for k in sorted(found)), strict=True)
     )

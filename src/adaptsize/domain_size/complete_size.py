@@ -62,10 +62,9 @@ def size_function(
     Parameters
     ----------
     domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
-        A mesh of tetrahedra, or of triangles in the plane; a surface (which is repaired), or a
-        closed polyline in the plane, for the region it encloses; an implicit function
-        f(points[n, dim]) -> [n], negative inside; an image, or an array of labels or booleans; a
-        grid and the signed distance there.
+        A mesh of tetrahedra, or of triangles in the plane; a surface, which is repaired, or closed
+        polyline, for the region it encloses; an implicit function f(points[n, dim]) -> [n],
+        negative inside; an image, or an array of labels or booleans; a grid and the distance there.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  By default the mesh itself; of a surface a copy, refined where its
         triangles are long; of a closed polyline, a level set or an image a grid; of a callable an
@@ -98,12 +97,9 @@ def size_function(
 
     Warns
     -----
-    ResolutionWarning, InputWarning
+    ResolutionWarning, InputWarning, OpenSurfaceWarning
         If the parameters do not allow the number of elements, an octree would need too many leaves,
-        a source lies outside, a surface was repaired, or objects are lost or at the border of the
-        image.
-    OpenSurfaceWarning
-        If facets of a surface are inside of bodies.
+        a source lies outside, a surface was repaired, facets are inside of bodies, or objects lost.
 
     Notes
     -----

@@ -38,7 +38,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import Stage
-from adaptsize.background._mesh_arrays import lengths
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing._medit import read_medit, write_medit
@@ -237,6 +236,8 @@ class _Mmg(NamedTuple):
 
 def _gradation(made: Arrays, sizes: FloatArray) -> float:
     """Return Mmg's ``hgrad``: as steep as the sizes at the nodes are, and off for metrics."""
+    from adaptsize.background._mesh_arrays import lengths
+
     if sizes.ndim > 1:
         return -1.0
     gradient = tuning.LEAST_GRADIENT

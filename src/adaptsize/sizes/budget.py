@@ -69,6 +69,7 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
         corners = np.ascontiguousarray(corner_sizes[part].T)
         least, largest = corners.min(axis=0), corners.max(axis=0)
         bounded, below = np.isfinite(largest), 0.0
+        least[~bounded] = 1.0
         own = np.zeros(len(least))
         for ratio, rule in _RULES:
             which = bounded & (largest > below * least) & (largest <= ratio * least)
