@@ -23,7 +23,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # `typing` takes longer than the rest
     from typing import Any
 
-#: Number of <sys/prctl.h>.
+#: Number of <sys/prctl.h>: orphans of descendants become children of this process.
 _SET_CHILD_SUBREAPER = 36
 #: Number of SIGKILL.  Hung generators ignore others.
 _KILL = 9
@@ -52,7 +52,9 @@ def _read_job() -> tuple[list[str], float] | None:
 def supervise(caller: int, folder: str) -> None:
     """Run a job in a folder, and exit like it."""
     if sys.platform == "linux":
-        _adopt_orphans()
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     found = _read_job()
     if found is None:
         _remove(folder)
@@ -64,20 +66,6 @@ def supervise(caller: int, folder: str) -> None:
     ending.acquire()
     _kill_all(job)
     os._exit(code if code >= 0 else SIGNALLED - code)
-
-
-def _adopt_orphans() -> None:
-    """Make orphans of descendants children of this process."""
-    arguments = _SET_CHILD_SUBREAPER, 1, 0, 0, 0
-    this_program: Any = None
-    try:  # `ctypes` itself takes 5 ms
-        from _ctypes import call_function, dlopen, dlsym
-
-        call_function(dlsym(dlopen(this_program, 0), "prctl"), arguments)
-    except (ImportError, AttributeError, TypeError, OSError):
-        import ctypes
-
-        ctypes.CDLL(None).prctl(*arguments)
 
 
 class _Job:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_cube
+from scipy.spatial import Delaunay
 
 from adaptsize import (
     BoxSource,
@@ -12,12 +13,13 @@ from adaptsize import (
     SimplexMesh,
     SizeFunction,
     check_mesh,
+    limit_gradient,
     size_conformity,
     size_function,
 )
 from adaptsize.background.bisection import resolved
 from adaptsize.errors import ResolutionWarning
-from adaptsize.quality.by_place import RequestedElements, surely_served
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.requests import unserved
 from adaptsize.remeshing.delivery import warn_of_lacks
 from adaptsize.sizes import predict
@@ -225,33 +227,16 @@ def test_places_without_a_bound_request_nothing():
     assert elements == pytest.approx(4.0 / np.sqrt(3.0) * 0.5 / 0.3**2)
 
 
-def test_a_sample_of_edges_shows_what_is_surely_served():
-    base, mesh = grid_of_triangles(40), grid_of_triangles(37)
-    edge = np.mean(mesh.edge_lengths)
-
-    def fine(x):
-        return edge * np.where(box_distance(x, [0.1, 0.1], [0.4, 0.4]) < 0.05, 0.4, 1.0)
-
-    def even(x):
-        return np.full(len(x), edge)
-
-    assert surely_served(mesh, even, base, even(base.points)) == 1.0
-    missed = RequestedElements.of(mesh, fine).served()
-    found = surely_served(mesh, fine, base, fine(base.points))
-    assert missed.too_coarse > 0.4
-    assert found < 1.0 - 0.8 * missed.too_coarse
-    # Where cells of the given sizes request many elements, edges do not show what lies between.
-    coarse = grid_of_triangles(4)
-    assert surely_served(mesh, even, coarse, even(coarse.points)) == 0.0
-
-
-def test_work_that_a_sample_shows_to_be_superfluous_is_left_out(monkeypatch):
-    base, asked = grid_of_triangles(20), []
-    size = SizeFunction(base, np.full(base.n_points, np.mean(base.edge_lengths)))
-    of = RequestedElements.of
-    monkeypatch.setattr(RequestedElements, "of", lambda *given: asked.append(given) or of(*given))
-    assert warn_of_lacks(base, size, size, base) is None
-    assert not asked
-    with pytest.warns(ResolutionWarning, match="are missing, since the cells there are too large"):
-        warn_of_lacks(grid_of_triangles(10), size, size, base)
-    assert len(asked) == 1
+def test_a_place_that_few_edges_show_is_warned_of():
+    """More than half of the elements are requested in one cell of 20 000."""
+    middle, radius, rng = np.array([0.5053, 0.5027]), 0.003, np.random.default_rng(1)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 5000)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    inside = middle + radius * np.sqrt(rng.random((5000, 1))) * around
+    outside = [middle + radius * 1.12**k * around[60 * k : 60 * k + 60] for k in range(1, 39)]
+    points = np.concatenate([grid_of_triangles(100).points, inside, *outside]).clip(0.0, 1.0)
+    base, mesh = SimplexMesh(points, Delaunay(points).simplices), grid_of_triangles(100)
+    is_in = np.linalg.norm(points - middle, axis=1) <= radius
+    size = SizeFunction(base, limit_gradient(base, np.where(is_in, 5e-5, 0.0105), 0.5))
+    with pytest.warns(ResolutionWarning, match=r"sizes: 5\d% of about 4\d000 requested elements"):
+        warn_of_lacks(mesh, size, size, base)

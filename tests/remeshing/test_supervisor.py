@@ -1,6 +1,5 @@
 """The supervisor of a generator starts quickly, and its end is noticed."""
 
-import os
 import subprocess
 import sys
 
@@ -39,19 +38,6 @@ def test_the_end_of_a_child_is_noticed():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="orphans are adopted on Linux")
-def test_orphans_are_adopted_without_a_large_module():
-    code = (
-        "import sys; from _supervisor import _adopt_orphans; _adopt_orphans()\n"
-        "print('ctypes' in sys.modules)\n"
-        "import ctypes; adopts = ctypes.c_int()\n"
-        "ctypes.CDLL(None).prctl(37, ctypes.byref(adopts), 0, 0, 0); print(adopts.value)"
-    )
-    folder = os.path.dirname(_supervisor.__file__)
-    line = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.append({folder!r}); {code}"]
-    done = subprocess.run(line, check=True, capture_output=True, text=True)
-    assert done.stdout.split() == ["False", "1"]
-
-
 def test_a_supervised_job_imports_from_no_folder_of_the_package(tmp_path):
     """Modules of the package have the names of standard ones, such as `io` and `typing`."""
     child = subprocess.Popen(supervised(tmp_path), stdin=subprocess.PIPE, stdout=subprocess.PIPE)

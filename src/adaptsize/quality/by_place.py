@@ -20,7 +20,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._workers import in_all_threads
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background import tuning as of_background
-from adaptsize.background._mesh_arrays import centroids, lengths
+from adaptsize.background._mesh_arrays import lengths
 from adaptsize.background.bisection import resolved
 from adaptsize.background.interpolation import places_of
 from adaptsize.metrics import Metric
@@ -253,31 +253,6 @@ class RequestedElements(NamedTuple):
         k = np.where(counted, ratios, -np.inf).argmax()
         point = tuple(self.points[k].tolist())
         return WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
-
-
-def surely_served(mesh: SimplexMesh, size: _SizeAt, base: SimplexMesh, h: FloatArray) -> float:
-    """Return a share of the requested elements that are in a mesh, from a sample of its edges.
-
-    An edge that is r times as long as its size stands for the r^d elements that should be in its
-    place.  Elements in cells of ``base`` that request many count as missing, since the edges may
-    miss what lies between them.  This takes a tenth of the time of `RequestedElements`.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        The mesh that is judged.
-    size : callable
-        The sizes at points.
-    base, h : SimplexMesh, float64[n_points]
-        The mesh at whose nodes they are given, as h, and linear between them.
-    """
-    d = mesh.cell_dim
-    numbers = ELEMENTS_PER_MEASURE[d] * base.measures * h[base.cells].mean(axis=1) ** -d
-    known = 1.0 - float(numbers[numbers > tuning.MOST_IN_CELL].sum() / numbers.sum())
-    edges = mesh.edges[:: len(mesh.edges) // tuning.SAMPLE_OF_EDGES + 1]
-    ratio = lengths(mesh.points, edges) / size(centroids(mesh.points, edges))
-    weights = np.maximum(ratio, 1.0) ** d
-    return known * float(weights[is_in_band(ratio)].sum() / weights.sum())
 
 
 class _Parts(NamedTuple):

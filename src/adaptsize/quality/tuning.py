@@ -15,12 +15,6 @@ MOST_PARTS_OF_CELLS = 100_000
 #: Requests for fewer elements are not reported: a few cells more or less decide on them.  Not
 #: measured.
 FEW_REQUESTED = 30.0
-#: Edges by which it is found whether all requested elements are surely there, and the elements that
-#: a cell of the mesh of the sizes may request without being looked into.  A share of .9 is then
-#: known within .01 (the standard error).  Not varied.
-SAMPLE_OF_EDGES, MOST_IN_CELL = 1000, 8.0
-#: A share found by this sample is beyond a limit if it exceeds that by so much.
-BEYOND_DOUBT = 0.04
 #: Facets of the boundary at which the size along the normal is so much smaller than the others are
 #: walls with a boundary layer.  Metrics of second derivatives with moderate aspect ratios, such
 #: as 20, ask for no layers there.

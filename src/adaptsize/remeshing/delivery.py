@@ -12,11 +12,10 @@ from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import ConnectionWarning, InputWarning, ResolutionWarning
-from adaptsize.quality import tuning as of_quality
-from adaptsize.quality.by_place import RequestedElements, surely_served
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.quality.layers import first_layer
-from adaptsize.quality.requests import SHARE_SERVED, unserved
+from adaptsize.quality.requests import unserved
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.sizing import MetricAt, Size
 
@@ -110,25 +109,7 @@ def warn_of_metric(
         warn_caller(str(layer), ResolutionWarning)
 
 
-def _is_surely_served(new: SimplexMesh, size: Any) -> bool:
-    """Return whether a sample shows that a mesh lacks none of the requested sizes.
-
-    It does for sizes at the nodes of a mesh, of which no cause is known, so that they are one
-    request.
-    """
-    if not isinstance(size, SizeFunction) or size.report is not None or size.g is not None:
-        return False
-    base = size.background
-    if not isinstance(base, SimplexMesh) or size.sources is not None:
-        return False
-    if (base.dim, base.cell_dim) != (new.dim, new.cell_dim) or not np.isfinite(size.values).all():
-        return False
-    return surely_served(new, size, base, size.values) > SHARE_SERVED + of_quality.BEYOND_DOUBT
-
-
-def warn_of_lacks(
-    new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh
-) -> RequestedElements | None:
+def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -> RequestedElements:
     """Warn of requests that a mesh does not serve, and of details that were kept.
 
     Parameters
@@ -143,8 +124,8 @@ def warn_of_lacks(
 
     Returns
     -------
-    RequestedElements or None
-        Those at the places of the new mesh; None if a sample has shown that none is missing.
+    RequestedElements
+        Those at the places of the new mesh.
 
     Warns
     -----
@@ -158,8 +139,6 @@ def warn_of_lacks(
         size = wanted
     if new.dim == new.cell_dim == 2:
         warn_of_details(new, wanted)
-    if _is_surely_served(new, size):
-        return None
     elements = RequestedElements.of(new, size)
     found = unserved(elements, size)
     for one in found[: tuning.MOST_WARNINGS]:

@@ -169,8 +169,6 @@ def _best_of_runs(
             if best_share < 0.0:
                 raise
             break
-        if problem.metric is None and _is_surely_good(problem, made):
-            return made
         share, median = _band_and_median(problem.sizes, made, problem.metric)
         if elements is None and problem.metric is None:
             elements = _Elements.of(problem.mesh, problem.sizes_at_nodes)
@@ -282,16 +280,6 @@ def _rows(metric: Metric) -> FloatArray:
     """Return the lower triangles of the matrices by rows, float64[n, 3 or 6]."""
     i, j = np.tril_indices(metric.dim)
     return np.ascontiguousarray(metric.matrices[:, j, i])
-
-
-def _is_surely_good(problem: MeshingProblem, made: Arrays) -> bool:
-    """Return whether a sample of edges shows that no other run has to follow."""
-    from adaptsize.quality import tuning as of_quality
-    from adaptsize.quality.by_place import surely_served
-
-    sizes, first = problem.sizes_at_nodes, problem.mesh
-    share = surely_served(mesh_of(made), problem.sizes, first, sizes)
-    return share > tuning.GOOD_SHARE + of_quality.BEYOND_DOUBT
 
 
 def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple[float, float]:
