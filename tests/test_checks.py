@@ -40,6 +40,8 @@ def test_what_fits_passes():
     assert as_points("p", np.zeros((0, 2)), 2).shape == (0, 2)
     assert as_index_array("i", [[0, 4]], 5).tolist() == [[0, 4]]
     assert as_index_array("i", [[1.0, 2.0]], 5).dtype == np.int32
+    assert as_index_array("i", np.array([[0, 300]], ">i2"), 301).tolist() == [[0, 300]]
+    assert as_points("p", [[1e308, 1e308]], 2).tolist() == [[1e308, 1e308]]  # whose sum is inf
     assert as_sizes("h", [1, np.inf], (2,)).tolist() == [1.0, np.inf]
     for number in (0.0, 1e-60, 1e60, np.inf):  # whose squares are in range
         assert as_number("h", number, lower=0.0, allow_inf=True) == number
@@ -67,7 +69,10 @@ REFUSED = [
     ("p must have shape (n, 3), got (1, 2)", as_points, ["p", [[1.0, 2.0]], 3]),
     ("p must be finite, got p[1, 0] = nan (and 1 more)",
      as_points, ["p", [[0.0, 1.0], [np.nan, np.inf]], 2]),
+    ("p must be finite, got p[0, 0] = inf (and 1 more)", as_points, ["p", [[np.inf, -np.inf]], 2]),
     ("i must be indices from 0 to 4, got i[0, 1] = 5", as_index_array, ["i", [[0, 5]], 5]),
+    *(("i must be indices from 0 to 4, got i[0, 1] = -3...",
+       as_index_array, ["i", np.array([[0, -3]], kind), 5]) for kind in ("i1", ">i4", "f8")),
     ("i must be indices from 0 to 4, got i[0, 0] = -1", as_index_array, ["i", [[-1, 0]], 5]),
     ("i must be indices from 0 to 4, got i[0, 0] = 4294967297",  # not wrapped to 1
      as_index_array, ["i", [[2**32 + 1, 0]], 5]),

@@ -35,6 +35,8 @@ LONGEST = 1000
 MOST_CALLS = 500
 #: Lists in lists that are stored.
 _DEEPEST = 10
+#: Bytes of an array whose checksum is found at once.
+_BYTES = 1 << 18
 #: Calls at each end of a long list that a page or a message shows.
 _SHOWN = 6
 #: Arguments on which no result depends.
@@ -140,10 +142,19 @@ def inherit_origin(copy: Any, value: Any) -> None:
 
 
 def _checksum(value: Any) -> int | None:
-    """Return the checksum of an array that users may modify; None for anything else."""
+    """Return a checksum of an array that users may modify; None for anything else."""
     if not (is_array(value) and value.flags.writeable):
         return None
-    return zlib.crc32(np.ascontiguousarray(value).data)
+    from adaptsize._workers import in_all_threads  # loads numba, as what made the array did
+
+    data = np.ascontiguousarray(value).reshape(-1).view(np.uint8)
+    sums = np.zeros(-(-data.size // _BYTES), np.uint32)
+
+    def add(first: int, last: int) -> None:
+        sums[first // _BYTES] = zlib.crc32(data[first:last].data)
+
+    in_all_threads(add, data.size, _BYTES)
+    return zlib.crc32(sums.data)
 
 
 def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:

@@ -82,7 +82,7 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
         is_transposed = points.ndim == 2 and len(points) in known
         hint = f"; {name} is transposed" if is_transposed else ""
         raise ValueError(f"{name} must have shape {wanted}, got {points.shape}{hint}")
-    refuse_where(name, ~np.isfinite(points), points, "must be finite")
+    _refuse_infinite(name, points)
     return points
 
 
@@ -103,9 +103,16 @@ def as_near_points(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
 def as_values(name: str, value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
     """Return finite numbers as `as_float_array` does, if their squares are in range."""
     values = as_float_array(name, value, shape)
-    refuse_where(name, ~np.isfinite(values), values, "must be finite")
+    _refuse_infinite(name, values)
     _refuse_far(name, values)
     return values
+
+
+def _refuse_infinite(name: str, values: FloatArray) -> None:
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = values.sum()
+    if not np.isfinite(total):  # one pass without an array; the sum of finite ones may overflow
+        refuse_where(name, ~np.isfinite(values), values, "must be finite")
 
 
 def _refuse_far(name: str, values: FloatArray) -> None:
@@ -131,7 +138,9 @@ def as_index_array(
     if raw.ndim != 2 or (width is not None and raw.shape[1] != width):
         wanted = "(m, k)" if width is None else f"(m, {width})"
         raise ValueError(f"{name} must have shape {wanted}, got {raw.shape}")
-    if raw.size and (raw.min() < 0 or raw.max() >= n):
+    # Negative integers are large unsigned ones, which saves a pass.
+    unsigned = raw.view(raw.dtype.str.replace("i", "u")) if raw.dtype.kind == "i" else raw
+    if raw.size and not (unsigned.max() < n and (raw.dtype.kind != "f" or raw.min() >= 0)):
         refuse_where(name, (raw < 0) | (raw >= n), raw, f"must be indices from 0 to {n - 1}")
     return np.ascontiguousarray(raw, dtype=np.int32)
 
@@ -141,7 +150,8 @@ def as_sizes(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatAr
     sizes = as_float_array(name, value)
     if sizes.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {sizes.shape}; one per node")
-    refuse_where(name, ~(sizes > 0.0), sizes, "must be positive (inf where there is no bound)")
+    if not sizes.min(initial=np.inf) > 0.0:  # also if any is NaN
+        refuse_where(name, ~(sizes > 0.0), sizes, "must be positive (inf where there is no bound)")
     return sizes
 
 

@@ -172,6 +172,19 @@ def test_what_users_have_computed_or_changed_is_said(folder):
         ads.write("made.vtu", ads.SizeFunction(mesh, limited), record=True)
 
 
+def test_a_change_of_any_entry_is_noticed():
+    """The checksum of a long array is put together from those of its parts."""
+    mesh = ads.CartesianGrid([0.0, 0.0], 1.0, (250, 300)).mesh
+    h = ads.limit_gradient(mesh, np.arange(1.0, mesh.n_points + 1.0), 0.5)
+    n = _calls._BYTES // h.itemsize
+    for change in ([0], [n - 1, n], [2 * n + 7, -1]):
+        before = h[change]
+        h[change] = before[::-1] + (len(change) == 1)
+        assert _calls.origin_of(h) is None
+        h[change] = before
+        assert _calls.origin_of(h).call.function == "limit_gradient"
+
+
 def test_a_mesh_that_is_kept_keeps_its_origin(folder):
     mesh = ads.read("slit.vtu").without_data()
     result = ads.adapt(mesh, h0=10.0, backend="bisection")

@@ -294,7 +294,7 @@ def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> IndexArray:
 def rows_among(edges: IntArray, others: IntArray) -> IndexArray:
     """Return for each edge its row in ``others``, int32[m, 2], -1 if it is none of them."""
     width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
-    keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
+    keys, known = (np.int64(width) * rows[:, 0] + rows[:, 1] for rows in (edges, others))
     if len(known) == 0:
         return np.full(len(keys), -1)
     if (known[1:] >= known[:-1]).all():  # as the edges of meshes

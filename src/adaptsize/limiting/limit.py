@@ -331,8 +331,8 @@ def _warn_of(solution: Solution, domain: AnyMesh | CartesianGrid, h: FloatArray)
         counted, total = domain.is_owned, domain.n_global_points
     else:
         counted = domain.in_a_cell
-    free = np.isinf(h) & counted
-    n = int(ranks.allreduce(int(free.sum()), "sum"))
+    free = np.isinf(h) & counted if h.max(initial=0.0) == np.inf else np.zeros(h.shape, np.bool_)
+    n = int(ranks.allreduce(int(np.count_nonzero(free)), "sum"))
     if n > 0 and ranks.rank == 0:
         where = _components_text(domain, free)
         text = f"h0 is inf at all nodes of {where}: {n} of {total} nodes get the size inf"

@@ -39,6 +39,8 @@ MOST_POINTS = 50_000
 _CELLS_PER_POINT = 6
 #: Cells are measured in blocks whose numbers fit into the cache.
 _CELLS_AT_ONCE = 4096
+#: Points whose weights are summed at once.
+_POINTS_AT_ONCE = 16_384
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:
@@ -230,14 +232,11 @@ class RequestedElements(NamedTuple):
         A SizeFunction ``size`` adds the cause at the worst place.
         """
         ranks = ranks or SingleRank()
-        ratios, weights = self.ratios, self.weights
-        sums = np.array(
-            [weights.sum(), weights[is_in_band(ratios)].sum(), weights[ratios > BAND[1]].sum()]
-        )
+        sums, worst_here = self._summed()
         total, near, above = ranks.allreduce(sums, "sum").tolist()
         if not 0.0 < total < np.inf:
             return None
-        places = [place for place in ranks.allgather(self._worst(ratios)) if place is not None]
+        places = [place for place in ranks.allgather(worst_here) if place is not None]
         worst = max(places, key=lambda place: place.ratio)
         if isinstance(size, SizeFunction) and size.report is not None:
             node = nodes_near(size, np.array([worst.point]))
@@ -246,13 +245,27 @@ class RequestedElements(NamedTuple):
             worst = WorstPlace(worst.point, worst.size, worst.edge, cause)
         return Served(total * self.unit, near / total, above / total, worst)
 
-    def _worst(self, ratios: FloatArray) -> WorstPlace | None:
-        counted = self.weights > 0.0
-        if not counted.any():
-            return None
-        k = np.where(counted, ratios, -np.inf).argmax()
+    def _summed(self) -> tuple[FloatArray, WorstPlace | None]:
+        """Return the weights of all, of those in the band and of those above, and the worst."""
+        n = len(self.weights)
+        n_chunks = -(-n // _POINTS_AT_ONCE)
+        sums, largest = np.zeros((n_chunks, 3)), np.full(n_chunks, -np.inf)
+        rows = np.zeros(n_chunks, np.intp)
+
+        def add(first: int, last: int) -> None:
+            chunk, own = first // _POINTS_AT_ONCE, self.weights[first:last]
+            ratios = self.edges[first:last] / self.sizes[first:last]
+            sums[chunk] = own.sum(), own[is_in_band(ratios)].sum(), own[ratios > BAND[1]].sum()
+            ratios[~(own > 0.0)] = -np.inf
+            k = int(ratios.argmax())
+            rows[chunk], largest[chunk] = first + k, ratios[k]
+
+        in_all_threads(add, n, _POINTS_AT_ONCE)
+        if largest.max(initial=-np.inf) == -np.inf:
+            return sums.sum(axis=0), None
+        k = int(rows[largest.argmax()])
         point = tuple(self.points[k].tolist())
-        return WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
+        return sums.sum(axis=0), WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
 
 
 class _Parts(NamedTuple):

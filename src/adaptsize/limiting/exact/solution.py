@@ -19,7 +19,7 @@ class SolvedComponent(NamedTuple):
     """A component of the domain and its solution."""
 
     nodes: IntArray | slice
-    """Its nodes in the background."""
+    """Its nodes in the background; a slice of all of them."""
     found: ComponentSolution
 
 
@@ -39,10 +39,12 @@ class ExactSolution(Solution):
 
 def as_solution(h0: FloatArray, parts: list[SolvedComponent]) -> ExactSolution:
     """Return the solution composed of those of the components; elsewhere bounds are kept."""
-    flat = h0.ravel().copy()
+    whole = next((found.h for nodes, found in parts if isinstance(nodes, slice)), None)
+    flat = (h0.ravel() if whole is None else whole).copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
     for nodes, found in parts:
-        flat[nodes] = found.h
+        if whole is None:
+            flat[nodes] = found.h
         n_entries += len(found.field.nodes)
         if found.proved is not None and found.lower is not None:
             hidden = ~found.proved
