@@ -287,14 +287,15 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
 
     If there are many edges, an even sample of them is taken.
     """
+    from adaptsize.background._mesh_arrays import centroids, lengths
     from adaptsize.quality.by_place import is_in_band
 
-    edges = mesh_of(made).edges
+    points, edges = made["points"], mesh_of(made).edges
     if metric is None:
-        ends = made["points"][edges[:: len(edges) // tuning.SAMPLE + 1]]
-        ratio = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / size(ends.mean(axis=1))
+        edges = edges[:: len(edges) // tuning.SAMPLE + 1]
+        ratio = lengths(points, edges) / size(centroids(points, edges))
     else:
-        ratio = metric(made["points"]).edge_lengths(made["points"], edges)
+        ratio = metric(points).edge_lengths(points, edges)
     return float(is_in_band(ratio).mean()), float(np.median(ratio))
 
 
@@ -312,24 +313,23 @@ class _Elements(NamedTuple):
     def of(cls, mesh: SimplexMesh, sizes: FloatArray) -> _Elements:
         """Return the elements for each of an even sample of cells."""
         some = slice(None, None, mesh.n_cells // tuning.SAMPLE + 1)
-        cells = mesh.cells[some]
+        from adaptsize.background._mesh_arrays import centroids
         from adaptsize.sizes.budget import mean_density
 
+        cells = mesh.cells[some]
         density = mean_density(sizes[cells])
         return cls(
-            mesh.points[cells].mean(axis=1),
+            centroids(mesh.points, cells),
             density ** (-1.0 / mesh.cell_dim),
             mesh.measures[some] * density,
         )
 
     def served(self, made: Arrays) -> float:
         """Return the share of them at whose place the cells of a mesh have the size."""
-        from adaptsize.quality.by_place import is_in_band
+        from adaptsize.quality.by_place import is_in_band, of_edges
 
         mesh = mesh_of(made)
-        pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
-        ends = mesh.points[mesh.cells[mesh.locator.nearest(self.places)[0]][:, pairs]]
-        edges = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2).mean(axis=1)
+        edges = of_edges(mesh, np.mean)[mesh.locator.nearest(self.places)[0]]
         near = is_in_band(edges / self.sizes)
         return float(self.numbers[near].sum() / self.numbers.sum())
 
