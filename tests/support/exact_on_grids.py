@@ -29,7 +29,7 @@ def exact_sizes(shape, spacing, active, h0, g, *, segments):
 
 def along_lines(h0, active, spacing, g):
     """Return the sizes at the active nodes by straight lines from node to node, float64[n]."""
-    nodes = np.argwhere(active).astype(float)
+    nodes = np.argwhere(active).astype(float, order="C")
     seen = np.empty((len(nodes), len(nodes)), bool)
     fill_seen(active.flatten(), np.array(active.shape), nodes, seen)
     steps = np.where(seen, cdist(nodes * spacing, nodes * spacing), np.inf)
@@ -89,7 +89,7 @@ def _from_segments(spacing, active, h0, g):
     ends = np.array([(p, p + along) for p, along in segments_with_data(active, h0)])
     if len(ends) == 0:
         return value
-    nodes = np.argwhere(active).astype(float)
+    nodes = np.argwhere(active).astype(float, order="C")
     sizes, feet = candidates(nodes * spacing, ends * spacing, h0[tuple(ends.T)].T, g)
     shape = np.array(active.shape)
     for node, of_segments, places in zip(nodes, sizes, feet / spacing, strict=True):
