@@ -67,11 +67,11 @@ def test_cad_cylinder_is_fine_all_along_and_coarse_in_the_middle_of_its_caps():
 @pytest.mark.parametrize("kind", ["surface", "plane", "level set", "closed line"])
 def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
     square = structured_square(8)
-    domain, options = {
-        "surface": (random_sphere(400, 616, radius=3.0), {}),
-        "plane": (square, {}),
-        "level set": (ball(1.0), {"box": ([-1.1, -1.1], [1.1, 1.1])}),
-        "closed line": (square.boundary().mesh, {}),
+    domain, options, hmax = {
+        "surface": (random_sphere(400, 616, radius=3.0), {}, 0.05),
+        "plane": (square, {}, 0.5),
+        "level set": (ball(1.0), {"box": ([-1.1, -1.1], [1.1, 1.1])}, 0.05),
+        "closed line": (square.boundary().mesh, {}, 0.5),
     }[kind]
     free = size_function(domain, **options).report
     kept = size_function(domain, **options, max_elements=0.5 * free.n_elements).report
@@ -81,7 +81,7 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
         TooManyElementsError,
         match=r"max_elements = 10: hmax controls \d+% of the elements, given parameters: hmax;",
     ):
-        size_function(domain, **options, hmax=0.05, max_elements=10.0)
+        size_function(domain, **options, hmax=hmax, max_elements=10.0)
 
 
 def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
@@ -113,7 +113,7 @@ def test_sizes_on_round_surfaces_allow_the_tolerance():
     radius = 10.0
     mesh = cylinder(60, radius, 5.0)
     options = {"elements_across": 0, "hmax": 20.0, "g": 9.0}
-    for tolerance in (1e-4, 1e-3):
+    for tolerance in (3e-4, 1e-3):
         size = size_function(mesh, tolerance=tolerance, **options)
         report = size.report
         expected = min(np.sqrt(6.0 * tolerance * mesh.diameter * radius), radius / 4.0)

@@ -95,7 +95,7 @@ def test_without_a_number_more_elements_may_be_required_up_to_five_million():
 
 def test_the_default_hmin_leaves_small_radii_and_a_given_one_does_not():
     # A rod of a radius of 4 tolerances, and a sphere of a hundred times its radius beside it.
-    rod = cylinder(24, 4e-3, 0.5)
+    rod = cylinder(24, 4e-3, 0.2)
     ball = random_sphere(300, 5, radius=0.5)
     beside = ball.points + np.array([2.0, 0.0, 0.0])
     mesh = SimplexMesh(
@@ -198,8 +198,8 @@ def test_a_mesh_above_a_cap_is_kept_if_the_next_cannot_be_made(monkeypatch):
 
 
 def test_walls_thinner_than_the_tolerance_need_no_more_elements_than_those_as_thick():
-    plates = [box(1.0, 1.0, share * np.sqrt(2.0) * 1e-3) for share in (0.3, 1.0, 2.0)]
-    needed = [floor_of(plate, 300.0) for plate in plates]
+    plates = [box(1.0, 1.0, share * np.sqrt(2.0) * 2e-3) for share in (0.3, 1.0, 2.0)]
+    needed = [floor_of(plate, 300.0, tolerance=2e-3) for plate in plates]
     assert 0.75 * needed[1] < needed[0] <= 1.02 * needed[1]
     assert needed[2] < 0.5 * needed[1]
 

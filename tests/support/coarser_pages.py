@@ -47,7 +47,10 @@ COARSER = {
         ("SizeFunction(mesh, h))", "SizeFunction(mesh, h), tolerance=0.02)"),
         ("    g=0.25,\n", "    g=0.25,\n    boundary_tolerance=0.02,\n"),
     ],
-    "docs/how-to/export.md": [("RegionSource(2, 1.5)", "RegionSource(2, 3.0)")],
+    "docs/how-to/export.md": [
+        ("RegionSource(2, 1.5)", "RegionSource(2, 3.0)"),
+        ("data/bracket.stl", "data/box.stl"),
+    ],
     "docs/how-to/image.md": [
         # The coarse volume causes warnings.
         ("cells     3835 tetrahedra\n", "...\ncells     ... tetrahedra\n"),

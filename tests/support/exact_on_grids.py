@@ -29,7 +29,7 @@ def exact_sizes(shape, spacing, active, h0, g, *, segments):
 
 def along_lines(h0, active, spacing, g):
     """Return the sizes at the active nodes by straight lines from node to node, float64[n]."""
-    nodes = np.argwhere(active).astype(float)
+    nodes = np.argwhere(active).astype(float, order="C")
     seen = np.empty((len(nodes), len(nodes)), bool)
     fill_seen(active.flatten(), np.array(active.shape), nodes, seen)
     steps = np.where(seen, cdist(nodes * spacing, nodes * spacing), np.inf)
@@ -46,7 +46,7 @@ def segments_with_data(active, h0):
     finite = [tuple(x) for x in np.argwhere(active & np.isfinite(h0))]
     for p, q in itertools.combinations(finite, 2):
         along = np.subtract(q, p)
-        if np.abs(along).max() > 1 or not sees(active.flatten(), shape, *np.array([p, q], float)):
+        if np.abs(along).max() > 1 or not sees(active.flatten(), shape, p, q):
             continue
         corners = itertools.product(*({x, y} for x, y in zip(p, q, strict=True)))
         n_finite = sum(np.isfinite(h0[x]) for x in corners)
@@ -89,7 +89,7 @@ def _from_segments(spacing, active, h0, g):
     ends = np.array([(p, p + along) for p, along in segments_with_data(active, h0)])
     if len(ends) == 0:
         return value
-    nodes = np.argwhere(active).astype(float)
+    nodes = np.argwhere(active).astype(float, order="C")
     sizes, feet = candidates(nodes * spacing, ends * spacing, h0[tuple(ends.T)].T, g)
     shape = np.array(active.shape)
     for node, of_segments, places in zip(nodes, sizes, feet / spacing, strict=True):
@@ -105,15 +105,19 @@ def fill_seen(active, shape, nodes, seen):
     """Fill which nodes, float64[n, dim], see each other."""
     for i in range(len(nodes)):
         for j in range(i + 1):
-            seen[i, j] = seen[j, i] = sees(active, shape, nodes[i], nodes[j])
+            seen[i, j] = seen[j, i] = _sees(active, shape, nodes[i], nodes[j])
 
 
-@njit(cache=True)
 def sees(active, shape, p, q):
     """Return whether the line between two points stays inside.
 
     They are in multiples of the spacings; axes along which they are the same lie at nodes.
     """
+    return _sees(active, shape, *np.array([p, q], float))  # rows of one type: compiled once
+
+
+@njit(cache=True)
+def _sees(active, shape, p, q):
     dim = len(shape)
     low, high = np.empty(dim, np.int64), np.empty(dim, np.int64)
     for d in range(dim):

@@ -66,18 +66,52 @@ def random_bounds(seed, n):
     return h0
 
 
+# Points are three numbers: with arrays, this takes five times as long to compile and to run.
+
+
+@numba.njit(cache=True)
+def _at(points, i):
+    return points[i, 0], points[i, 1], points[i, 2]
+
+
+@numba.njit(cache=True)
+def _from(p, q):
+    return q[0] - p[0], q[1] - p[1], q[2] - p[2]
+
+
+@numba.njit(cache=True)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True)
+def _along(p, t, a):
+    return p[0] + t * a[0], p[1] + t * a[1], p[2] + t * a[2]
+
+
+@numba.njit(cache=True)
+def _distance(p, q):
+    a = _from(p, q)
+    return math.sqrt(_dot(a, a))
+
+
 @numba.njit(cache=True)
 def _solid_angle(facets, x):
     total = 0.0
     for f in range(len(facets)):
-        a, b, c = facets[f, 0] - x, facets[f, 1] - x, facets[f, 2] - x
-        p, q, r = math.sqrt((a * a).sum()), math.sqrt((b * b).sum()), math.sqrt((c * c).sum())
-        volume = (
-            a[0] * (b[1] * c[2] - b[2] * c[1])
-            + a[1] * (b[2] * c[0] - b[0] * c[2])
-            + a[2] * (b[0] * c[1] - b[1] * c[0])
+        a, b, c = (
+            _from(x, _at(facets[f], 0)),
+            _from(x, _at(facets[f], 1)),
+            _from(x, _at(facets[f], 2)),
         )
-        other = p * q * r + (a * b).sum() * r + (b * c).sum() * p + (c * a).sum() * q
+        p, q, r = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
+        volume = _dot(a, _cross(b, c))
+        other = p * q * r + _dot(a, b) * r + _dot(b, c) * p + _dot(c, a) * q
         if abs(volume) > 1e-13 or other > 1e-11:
             total += 2.0 * math.atan2(volume, other)
     return total / (4.0 * math.pi)
@@ -86,45 +120,49 @@ def _solid_angle(facets, x):
 @numba.njit(cache=True)
 def _sees(facets, normals, p, q):
     for f in range(len(facets)):
-        o = facets[f, 0]
-        at_p = at_q = 0.0
-        for d in range(3):
-            at_p += normals[f, d] * (p[d] - o[d])
-            at_q += normals[f, d] * (q[d] - o[d])
+        o, normal = _at(facets[f], 0), _at(normals, f)
+        at_p, at_q = _dot(normal, _from(o, p)), _dot(normal, _from(o, q))
         if not ((at_p > _NIL and at_q < -_NIL) or (at_p < -_NIL and at_q > _NIL)):
             continue
-        y = p + at_p / (at_p - at_q) * (q - p)
+        y = _along(p, at_p / (at_p - at_q), _from(p, q))
         outside = False
         for v in range(3):
-            a, b = facets[f, v], facets[f, (v + 1) % 3]
-            e, w = b - a, y - a
-            side = (
-                normals[f, 0] * (e[1] * w[2] - e[2] * w[1])
-                + normals[f, 1] * (e[2] * w[0] - e[0] * w[2])
-                + normals[f, 2] * (e[0] * w[1] - e[1] * w[0])
-            )
-            outside |= side < -_NIL
+            a, b = _at(facets[f], v), _at(facets[f], (v + 1) % 3)
+            outside |= _dot(normal, _cross(_from(a, b), _from(a, y))) < -_NIL
         if not outside:
             return False
-    return abs(_solid_angle(facets, 0.5 * (p + q))) > 0.02
+    return abs(_solid_angle(facets, _along(p, 0.5, _from(p, q)))) > 0.02
+
+
+@numba.njit(cache=True)
+def _in_line(ends, e):
+    """Return the start, the direction and the length of an edge."""
+    start = _at(ends[e], 0)
+    edge = _from(start, _at(ends[e], 1))
+    length = math.sqrt(_dot(edge, edge))
+    return start, (edge[0] / length, edge[1] / length, edge[2] / length), length
+
+
+@numba.njit(cache=True)
+def _place(x, start, along):
+    """Return how far along a line a point is, and its distance from the line."""
+    s = _dot(_from(start, x), along)
+    return s, _distance(_along(start, s, along), x)
 
 
 @numba.njit(cache=True)
 def _over_one_edge(facets, normals, ends, x, q, size, g, best):
     """Return the least of ``best`` and the sizes of paths from q over one edge to x."""
     for e in range(len(ends)):
-        start, along = ends[e, 0], ends[e, 1] - ends[e, 0]
-        length = math.sqrt((along * along).sum())
-        along = along / length
-        s, f = ((x - start) * along).sum(), ((q - start) * along).sum()
-        d = math.sqrt((((x - start) - s * along) ** 2).sum())
-        r = math.sqrt((((q - start) - f * along) ** 2).sum())
+        start, along, length = _in_line(ends, e)
+        s, d = _place(x, start, along)
+        f, r = _place(q, start, along)
         if d < 1e-9 or r < 1e-9:
             continue
         t = (f * d + s * r) / (d + r)
         value = size + g * math.hypot(s - f, d + r)
         if 0.0 < t < length and value < best:
-            y = start + t * along
+            y = _along(start, t, along)
             if _sees(facets, normals, q, y) and _sees(facets, normals, y, x):
                 best = value
     return best
@@ -134,21 +172,20 @@ def _over_one_edge(facets, normals, ends, x, q, size, g, best):
 def _one_bend(facets, normals, ends, points, h0, g, best):
     for i in range(len(points)):
         for j in range(len(points)):
-            if h0[j] + g * math.sqrt(((points[i] - points[j]) ** 2).sum()) < best[i]:
-                found = _over_one_edge(
-                    facets, normals, ends, points[i], points[j], h0[j], g, best[i]
-                )
-                best[i] = found
+            x, q = _at(points, i), _at(points, j)
+            if h0[j] + g * _distance(x, q) < best[i]:
+                best[i] = _over_one_edge(facets, normals, ends, x, q, h0[j], g, best[i])
 
 
 @numba.njit(cache=True)
-def _visible(facets, normals, a, b, least, sizes, g):
-    """Return float64[a, b]: distances, inf if hidden or of no use to b."""
-    result = np.full((len(a), len(b)), np.inf)
-    for i in range(len(a)):
-        for j in range(len(b)):
-            length = math.sqrt(((a[i] - b[j]) ** 2).sum())
-            if least[i] + g * length < sizes[j] and _sees(facets, normals, a[i], b[j]):
+def _visible(facets, normals, points, least, sizes, g):
+    """Return float64[n, n]: distances, inf if hidden or of no use to the second point."""
+    result = np.full((len(points), len(points)), np.inf)
+    for i in range(len(points)):
+        for j in range(len(points)):
+            p, q = _at(points, i), _at(points, j)
+            length = _distance(p, q)
+            if least[i] + g * length < sizes[j] and _sees(facets, normals, p, q):
                 result[i, j] = length
     return result
 
@@ -194,7 +231,7 @@ def oracle(mesh, h0, g, parts=8):
     facets, normals, ends, every, _ = solid
     bounds = np.concatenate([h0, np.full(len(every) - len(points), np.inf)])
     lowest = (h0[None] + g * np.linalg.norm(every[:, None] - points[None], axis=2)).min(axis=1)
-    length = _visible(facets, normals, every, every, lowest, np.full(len(every), np.inf), g)
+    length = _visible(facets, normals, every, lowest, np.full(len(every), np.inf), g)
     straight = (h0[:, None] + g * length[: len(points), : len(points)]).min(axis=0)
     straight = np.minimum(straight, h0)
     bent = straight.copy()
@@ -233,22 +270,20 @@ def _tightened(facets, normals, path, ends):
     for _ in range(200):
         moved = 0.0
         for k in range(1, len(path) - 1):
-            o, a = ends[k - 1, 0], ends[k - 1, 1] - ends[k - 1, 0]
-            long = math.sqrt((a * a).sum())
-            a = a / long
-            s, f = ((path[k - 1] - o) * a).sum(), ((path[k + 1] - o) * a).sum()
-            d = math.sqrt(((path[k - 1] - o - s * a) ** 2).sum())
-            r = math.sqrt(((path[k + 1] - o - f * a) ** 2).sum())
+            start, along, long = _in_line(ends, k - 1)
+            s, d = _place(_at(path, k - 1), start, along)
+            f, r = _place(_at(path, k + 1), start, along)
             t = s if d + r == 0.0 else (s * r + f * d) / (d + r)
-            new = o + min(max(t, 0.0), long) * a
-            moved = max(moved, math.sqrt(((new - path[k]) ** 2).sum()))
-            path[k] = new
+            new = _along(start, min(max(t, 0.0), long), along)
+            moved = max(moved, _distance(new, _at(path, k)))
+            path[k, 0], path[k, 1], path[k, 2] = new
         if moved < 1e-14:
             break
     length = 0.0
     for k in range(1, len(path)):
-        piece = math.sqrt(((path[k] - path[k - 1]) ** 2).sum())
-        if piece > 1e-9 and not _sees(facets, normals, path[k - 1], path[k]):
+        p, q = _at(path, k - 1), _at(path, k)
+        piece = _distance(p, q)
+        if piece > 1e-9 and not _sees(facets, normals, p, q):
             return math.inf
         length += piece
     return length
