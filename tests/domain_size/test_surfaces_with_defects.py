@@ -43,7 +43,7 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("surface", [SPHERE, CUBE])
 def test_a_surface_without_defects_is_sized_and_meshed_as_it_is(surface):
-    assert surface_to_fill(surface).mesh is repair_mesh(surface).mesh
+    assert surface_to_fill(surface).sound.mesh is repair_mesh(surface).mesh
     size, said = sized(surface)
     assert said == []
     assert_array_equal(size.background.points[: surface.n_points], surface.points)

@@ -156,7 +156,7 @@ def mesh_domain(
             spacing = float(np.ptp(mesh.points, axis=0).max()) / 250
             background = CartesianGrid.around(mesh.points, spacing, 6 * spacing)
     if mesh.dim == 3 and mesh.cell_dim == 2:
-        sound = surface_to_fill(mesh) if is_filled else repair_mesh(mesh)
+        sound = surface_to_fill(mesh).sound if is_filled else repair_mesh(mesh)
         if background is None:
             return SurfaceDomain.of(sound.mesh, crease_angle, sound.node_map)
         mesh = sound.mesh

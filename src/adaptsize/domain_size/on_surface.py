@@ -29,8 +29,9 @@ from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.solid import Solid
 from adaptsize.geometry.width import Width
+from adaptsize.remeshing.meshed_surface import surface_to_fill
 from adaptsize.remeshing.preparation import repair_mesh
-from adaptsize.remeshing.surface_checks import inner_facets, overlapping_bodies
+from adaptsize.remeshing.surface_checks import inner_facets, open_boundary, overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
@@ -223,7 +224,7 @@ class SurfaceDomain:
 
 
 def warn_of_left_out(surface: SimplexMesh) -> None:
-    """Warn of defects of a surface that were repaired, and of facets that bound no sizes.
+    """Warn of repaired defects of a surface, of closed holes, and of facets that bound no sizes.
 
     Warns
     -----
@@ -232,6 +233,9 @@ def warn_of_left_out(surface: SimplexMesh) -> None:
     repaired = repair_mesh(surface)
     if repaired.repairs:
         warn_caller(repaired.repairs, InputWarning)
+    if surface_to_fill(surface).n_caps:
+        holes = open_boundary(repaired.mesh)
+        warn_caller(f"the surface is open: {holes}; flat caps close it", OpenSurfaceWarning)
     found = overlapping_bodies(repaired.mesh) or inner_facets(Solid.of(repaired.mesh))
     if found is not None:
         text = f"{found}; facets inside of bodies do not bound the sizes"

@@ -39,7 +39,7 @@ from adaptsize.remeshing.delivery import warn_of_unconnected
 from adaptsize.remeshing.filling import FILLS_MORE, NOT_ADAPTED, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.meshed_surface import surface_to_fill
+from adaptsize.remeshing.meshed_surface import SurfaceToFill, surface_to_fill
 from adaptsize.remeshing.planning import Attempt, Known, plan
 from adaptsize.remeshing.preparation import (
     Frame,
@@ -92,18 +92,19 @@ def prepared(
     repaired = repair_mesh(mesh)
     if repaired.repairs:
         warn_caller(repaired.repairs, InputWarning)
-    solid, may_be_joined, old = None, False, repaired.mesh
+    solid, to_fill, may_be_joined, old = None, None, False, repaired.mesh
     if task == "surface to tetrahedra":
         solid = Solid.of(old)
         may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
-        repaired = surface_to_fill(mesh)
+        to_fill = surface_to_fill(mesh)
+        repaired = to_fill.sound
     requests = Requests(
         task, repaired.mesh, Frame.around(old),
         RequestedSizes(
             wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
         ),
         given["tolerance"], _required(required_facets, mesh, repaired),
-        _if_crossed(solid, repaired.mesh),
+        to_fill,
         _first_of_loop(mesh, old, given) if solid is None else None,
     )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
@@ -125,8 +126,8 @@ class Requests:
     """The allowed one, over the diagonal."""
     required: IntArray | None
     """Facets that must not change."""
-    crossed: Solid | None = None
-    """The solid of a surface to be filled whose facets cross; None where others do not cross."""
+    to_fill: SurfaceToFill | None = None
+    """The surface to be filled."""
     first: SimplexMesh | None = None
     """The mesh with which a loop began, repaired, whose boundary and interfaces have to be kept."""
     _made: dict[tuple[bool, float], MeshingProblem] = field(
@@ -145,6 +146,12 @@ class Requests:
                 made = replace(made, enclosing=_enclosing(self.crossed, self.frame))
             self._made[key] = made
         return self._made[key]
+
+    @property
+    def crossed(self) -> Solid | None:
+        """The solid of a surface to be filled whose facets cross; None where others do not."""
+        to_fill = self.to_fill
+        return None if to_fill is None or not to_fill.is_crossed else to_fill.solid
 
     def kept_by(self, problem: MeshingProblem) -> SimplexMesh:
         """Return the mesh whose boundary and interfaces count, in the coordinates of generators.
@@ -223,7 +230,7 @@ class Job:
             requests.task, tuple(names), chosen.needs_volume, self.n_cells, requests.mesh.n_cells,
             self.given["tolerance"],
             can_fill=solid is not None and netgen.can_fill(requests.mesh),
-            is_closed=solid is not None and solid.is_closed,
+            is_closed=requests.to_fill is not None and requests.to_fill.solid.is_closed,
             is_crossed=requests.crossed is not None,
             # Mmg fails on these, or does not end.
             is_folded=requests.task == "tetrahedra" and bool(folded_cells(requests.mesh).any()),
@@ -322,14 +329,6 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
     return first
 
 
-def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:
-    """Return the solid of a surface if facets cross in what is to be filled."""
-    # The boundary of a union replaces bodies that overlap, if it could be made.
-    if solid is None or not solid.is_divided or mesh is solid.skin:
-        return None
-    return solid
-
-
 def _enclosing(solid: Solid, frame: Frame) -> Enclosing:
     """Return what a solid tells a generator, in the coordinates of a frame."""
     return Enclosing(~solid.hidden, lambda points: solid.contains(frame.from_own(points)))
@@ -350,7 +349,7 @@ def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -
     if problem.task != "surface to tetrahedra":
         return count_elements(problem.mesh, problem.sizes_at_nodes)
     if isinstance(size, SizeFunction) and size.report is not None:
-        nodes = surface_to_fill(mesh).mesh.points  # the first ones of its refined copy
+        nodes = surface_to_fill(mesh).sound.mesh.points  # the first ones of its refined copy
         if np.array_equal(size.background.points[: len(nodes)], nodes):
             return size.report.n_elements
     # So many points are enough to find out whether there are too many elements.

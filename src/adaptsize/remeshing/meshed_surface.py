@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,20 +11,85 @@ from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import compacted, places_among
 from adaptsize.geometry.solid import Solid
+from adaptsize.remeshing import tuning
+from adaptsize.remeshing.crossings import crossing_facets
+from adaptsize.remeshing.hole_filling import bodies_of, close_holes
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 
 
-def surface_to_fill(surface: SimplexMesh) -> RepairedMesh:
+class SurfaceToFill(NamedTuple):
+    """The facets that are sized and meshed, and the solid that they bound."""
+
+    sound: RepairedMesh
+    solid: Solid
+    n_caps: int
+    """Number of triangles by which holes were closed."""
+
+    @property
+    def is_crossed(self) -> bool:
+        """Whether facets cross others: of bodies that overlap, whose union could not be made."""
+        return self.solid.is_divided and self.sound.mesh is not self.solid.skin
+
+
+def surface_to_fill(surface: SimplexMesh) -> SurfaceToFill:
     """Return a surface without its defects and the facets inside of its solid, normals outward.
 
-    If bodies overlap it is the boundary of their union.  All facets stay if that could not be made,
-    or if edges of the surface have tags.  The result is kept with the given surface.
+    Holes are closed by flat caps, if these are small compared with the surface, do not cross their
+    own body, and the winding number leaves them free (`Solid.is_opening`).  If bodies overlap, the
+    result is the boundary of their union.  All facets stay if that could not be made, or if edges
+    of the surface have tags.  The result is kept with the given surface.
     """
-    return once(surface, "_to_fill", lambda: _around_solid(repair_mesh(surface)))
+    return once(surface, "_to_fill", lambda: _to_fill(surface))
 
 
-def _around_solid(repaired: RepairedMesh) -> RepairedMesh:
-    mesh, solid = repaired.mesh, Solid.of(repaired.mesh)
+def _to_fill(surface: SimplexMesh) -> SurfaceToFill:
+    repaired = repair_mesh(surface)
+    closed = _without_holes(repaired.mesh)
+    sound, solid = repaired._replace(mesh=closed), Solid.of(closed)
+    return SurfaceToFill(_around(sound, solid), solid, closed.n_cells - repaired.mesh.n_cells)
+
+
+def _without_holes(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a surface whose holes are closed, itself if they cannot be, or are no holes.
+
+    The cap of a plane hole is where the winding number of the surface is one half.
+    """
+    if mesh.is_closed or Solid.of(mesh).is_closed:
+        return mesh
+    try:
+        closed = close_holes(mesh)
+    except ValueError:
+        return mesh
+    caps = closed.cells[mesh.n_cells :]
+    if not np.array_equal(closed.cells[: mesh.n_cells], mesh.cells):
+        return mesh  # it was repaired once more, so that nodes have other numbers
+    area = float(closed.measures[mesh.n_cells :].sum())
+    if area > tuning.MOST_OF_CAPS * float(mesh.measures.sum()):
+        return mesh
+    if not Solid.of(mesh).is_opening(mesh.points[caps].mean(axis=1)).all():
+        return mesh
+    if _caps_cross(closed, mesh.n_cells):
+        return mesh
+    return replace(closed, tagged_facets=mesh.tagged_facets, facet_tags=mesh.facet_tags)
+
+
+def _caps_cross(closed: SimplexMesh, first: int) -> bool:
+    """Return whether caps, the cells from ``first`` on, cross facets of their own body.
+
+    Bodies that cross each other become their union, also at a cap.
+    """
+    body = bodies_of(closed)
+    for one in np.unique(body[first:]):
+        rows = np.flatnonzero(body == one)
+        crossing = crossing_facets(SimplexMesh(closed.points, closed.cells[rows])).cells
+        if (rows[crossing] >= first).any():
+            return True
+    return False
+
+
+def _around(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
+    """Return the facets of a surface that bound its solid."""
+    mesh = repaired.mesh
     kept = ~solid.hidden
     is_whole = solid.is_divided or not solid.is_closed or not kept.any()
     if solid.is_divided and solid.skin.is_closed and mesh.tagged_facets is None:

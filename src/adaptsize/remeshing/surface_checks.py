@@ -21,6 +21,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
+from adaptsize.remeshing.meshed_surface import surface_to_fill
 
 
 @dataclass(frozen=True)
@@ -368,6 +369,8 @@ def doubts(
             "the surface is open: {}; the generator closes or drops what it does not clearly "
             "enclose; {close_holes} closes the holes, {target:'triangles'} keeps a surface"
         )
+        if surface_to_fill(surface).n_caps:
+            text = "the surface is open: {}; flat caps close it; {target:'triangles'} keeps it open"
         yield "open_boundary", holes, Message(text, holes)
     overlapping = overlapping_bodies(surface)
     if overlapping is not None:
