@@ -27,7 +27,7 @@ from adaptsize.limiting.exact import candidates, field
 from adaptsize.limiting.exact.field import node_entries
 from adaptsize.quality import conformity
 from adaptsize.quality.boundary import farthest_places
-from adaptsize.quality.by_place import _of_edges
+from adaptsize.quality.by_place import of_edges
 from adaptsize.quality.elements import flat_cells, radius_ratios
 from adaptsize.sizes import recovery
 
@@ -71,7 +71,7 @@ def passes_over_cells(mesh):
     found = ads.size_conformity(mesh, values)
     numbers = [value for value in vars(found).values() if isinstance(value, float)]
     assert len(numbers) > 3
-    qualities = radius_ratios(mesh), _of_edges(mesh, np.mean), flat_cells(mesh)
+    qualities = radius_ratios(mesh), of_edges(mesh, np.mean), flat_cells(mesh)
     return [boundary.facets, boundary.cells, mesh.diagonal, *qualities, numbers]
 
 
@@ -91,7 +91,7 @@ def test_passes_over_cells_are_the_same_bit_for_bit(shape, monkeypatch):
     for threads in (1, 2, 3, 8):
         monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
         found[threads] = [np.asarray(one).tobytes() for one in passes_over_cells(mesh)]
-    for name in ("_sums.<locals>.add", "flat_cells", "_of_cells", "_of_edges"):
+    for name in ("_sums.<locals>.add", "flat_cells", "_of_cells", "of_edges"):
         assert {threads for task, threads in chunks if name in task} == {1, 2, 3, 8}
     assert found[1] == found[2] == found[3] == found[8]
 
