@@ -33,10 +33,10 @@ PLAIN_CASES ?= 300
 
 # Kernels with checks of array bounds, optimised less, which compiles sooner.  A cache of its own: numba
 # does not distinguish them.
-test-bounds: export NUMBA_BOUNDSCHECK = 1
-test-bounds: export NUMBA_OPT = 1
+test-bounds attack: export NUMBA_BOUNDSCHECK = 1
+test-bounds attack: export NUMBA_OPT = 1
 test-bounds: export ADAPTSIZE_PROBLEMS = 200
-test-bounds: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
+test-bounds attack: export NUMBA_CACHE_DIR := $(or $(NUMBA_CACHE_DIR),$(CURDIR)/.numba_cache)/bounds
 test-bounds:
 	$(PYTHON) -m pytest -n 2 --dist loadfile tests/kernels tests/limiting/exact \
 		tests/adaptation/test_transfer.py tests/background/test_location.py \
@@ -46,7 +46,8 @@ test-bounds:
 lowest:
 	.ci/lowest
 
-# 20 000 random cases from a new seed, which is printed; CASES and SEED choose others.
+# 20 000 random cases from a new seed, which is printed, with checks of array bounds; CASES and SEED
+# choose others.
 CASES ?= 20000
 attack:
 	$(PYTHON) -m tests.attack --cases $(CASES) $(if $(SEED),--start $(SEED))
