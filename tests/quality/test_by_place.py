@@ -19,6 +19,7 @@ from adaptsize import (
 )
 from adaptsize.background.bisection import resolved
 from adaptsize.errors import ResolutionWarning
+from adaptsize.metrics import Metric
 from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.requests import unserved
 from adaptsize.remeshing.delivery import warn_of_lacks
@@ -240,3 +241,23 @@ def test_a_place_that_few_edges_show_is_warned_of():
     size = SizeFunction(base, limit_gradient(base, np.where(is_in, 5e-5, 0.0105), 0.5))
     with pytest.warns(ResolutionWarning, match=r"sizes: 5\d% of about 4\d000 requested elements"):
         warn_of_lacks(mesh, size, size, base)
+
+
+@pytest.mark.parametrize("cell", [0, 7001, 14002, 19999])
+def test_a_sample_of_cells_has_those_that_request_most_of_a_metric(cell):
+    base = grid_of_triangles(100)
+    h = np.full(base.n_points, 0.02)
+    h[base.cells[cell]] = 2e-4
+    size = SizeFunction(base, h)
+
+    def metric(points):
+        return Metric.isotropic(size(points), 2)
+
+    mesh = grid_of_triangles(50)
+    whole, some = (RequestedElements.of_metric(mesh, metric, base, n) for n in (None, 200))
+    assert len(some.points) < 0.2 * len(whole.points)
+    one, other = whole.served(), some.served()
+    assert one.too_coarse > 0.3
+    assert other.elements == pytest.approx(one.elements, rel=0.02)
+    assert other.too_coarse == pytest.approx(one.too_coarse, abs=0.02)
+    assert other.worst.ratio == pytest.approx(one.worst.ratio, rel=1e-9)

@@ -192,21 +192,23 @@ class RequestedElements(NamedTuple):
             The mesh on which the metric is given.  Its cells are then divided, so that nothing
             between the nodes of ``mesh`` is missed, and otherwise those of ``mesh``.
         max_cells : int, optional
-            Of more cells, an even sample is taken.
+            Of more cells, each that requests more than 1 / ``max_cells`` of all elements is taken,
+            and an even sample of the others.
         """
         base = mesh if on is None else on
-        step = 1 if max_cells is None else base.n_cells // max_cells + 1
-        parts = _metric_parts(base, metric, np.arange(0, base.n_cells, step))
+        at_nodes = _maps(metric(base.points), mesh.cell_dim)
+        taken, stands_for = _representatives(base, at_nodes[1], max_cells or base.n_cells)
+        parts = _metric_parts(base, metric, at_nodes, taken)
         cells = parts.cells
+        weights = parts.volumes * stands_for[cells]
         if on is not None:
             cells = np.asarray(mesh.locator.nearest(parts.points)[0], np.intp)
         pairs = _pairs(mesh.cell_dim)
         corners = mesh.points[mesh.cells[cells]]
         there = _lengths(corners[:, pairs[:, 1]] - corners[:, pairs[:, 0]], parts.maps)
         edges = of_edges(mesh, np.mean)[cells]
-        unit = step * ELEMENTS_PER_MEASURE[mesh.cell_dim]
-        sizes = edges / there.mean(axis=1)
-        return cls(parts.points, parts.volumes, sizes, edges, cells, unit, 1, True)
+        unit, sizes = ELEMENTS_PER_MEASURE[mesh.cell_dim], edges / there.mean(axis=1)
+        return cls(parts.points, weights, sizes, edges, cells, unit, 1, True)
 
     @property
     def ratios(self) -> FloatArray:
@@ -445,8 +447,35 @@ class _MetricParts(NamedTuple):
     """int[n]: the cell of which each is a part."""
 
 
+def _representatives(
+    mesh: SimplexMesh, density: FloatArray, n: int
+) -> tuple[IndexArray, FloatArray]:
+    """Return at most about 2 n cells of a mesh, and for how many cells each cell stands.
+
+    Parameters
+    ----------
+    density : float64[n_points]
+        Logarithm of the elements per measure.
+    n : int
+        Cells that request more than 1/n of all elements stand for themselves, the others are
+        sampled evenly.
+    """
+    if mesh.n_cells <= n:
+        return np.arange(mesh.n_cells), np.ones(mesh.n_cells)
+    most = np.exp(density - density.max())[mesh.cells.T].max(axis=0) * mesh.measures
+    is_alone = most * n > most.sum()
+    others = np.flatnonzero(~is_alone)
+    some = others[:: len(others) // n + 1]
+    stands_for = is_alone.astype(np.float64)
+    stands_for[some] = len(others) / max(len(some), 1)
+    return np.flatnonzero(stands_for), stands_for
+
+
 def _metric_parts(
-    mesh: SimplexMesh, metric: Callable[[FloatArray], Metric], cells: IndexArray
+    mesh: SimplexMesh,
+    metric: Callable[[FloatArray], Metric],
+    at_nodes: tuple[FloatArray, FloatArray],
+    cells: IndexArray,
 ) -> _MetricParts:
     """Return parts of some cells of a mesh, bisected until the metric hardly varies in them.
 
@@ -455,7 +484,7 @@ def _metric_parts(
     """
     k = mesh.cell_dim
     pairs = _pairs(k)
-    maps, density = _maps(metric(mesh.points), k)
+    maps, density = at_nodes
     corners = mesh.points[mesh.cells[cells]]
     maps, density = maps[mesh.cells[cells]], density[mesh.cells[cells]]
     done: list[_MetricParts] = []

@@ -311,18 +311,13 @@ class _Elements(NamedTuple):
 
     @classmethod
     def of(cls, mesh: SimplexMesh, sizes: FloatArray) -> _Elements:
-        """Return the elements for each of an even sample of cells."""
-        some = slice(None, None, mesh.n_cells // tuning.SAMPLE + 1)
+        """Return the elements of each cell: a sample might miss the one that requests most."""
         from adaptsize.background._mesh_arrays import centroids
         from adaptsize.sizes.budget import mean_density
 
-        cells = mesh.cells[some]
-        density = mean_density(sizes[cells])
-        return cls(
-            centroids(mesh.points, cells),
-            density ** (-1.0 / mesh.cell_dim),
-            mesh.measures[some] * density,
-        )
+        density = mean_density(sizes[mesh.cells])
+        places = centroids(mesh.points, mesh.cells)
+        return cls(places, density ** (-1.0 / mesh.cell_dim), mesh.measures * density)
 
     def served(self, made: Arrays) -> float:
         """Return the share of them at whose place the cells of a mesh have the size."""

@@ -190,7 +190,7 @@ MOST_EDGES_AT_ONCE = 96
 #: Weight of the squared perimeter beside the area: of equal areas, compact triangles.
 WEIGHT_OF_PERIMETER = 1e-6
 #: Caps of holes over the area of a surface at most: with more, as at a box without its lid, a user
-#: decides whether it is closed.
+#: decides whether it is closed.  Not varied.
 MOST_OF_CAPS = 0.1
 #: A body whose volume is less than this times its area and its diagonal encloses nothing.
 NO_VOLUME = 1e-6

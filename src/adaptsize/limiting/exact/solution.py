@@ -19,7 +19,7 @@ class SolvedComponent(NamedTuple):
     """A component of the domain and its solution."""
 
     nodes: IntArray | slice
-    """Its nodes in the background; a slice of all of them."""
+    """Its nodes in the background; ``slice(None)`` stands for all."""
     found: ComponentSolution
 
 
