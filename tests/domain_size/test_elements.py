@@ -25,7 +25,7 @@ from adaptsize.domain_size.unknowns import memory_on
 from adaptsize.errors import BackendError, ResolutionWarning, TooManyElementsError
 from adaptsize.quality.certificate import MeshCheck, Requirement
 from adaptsize.remeshing.acceptance import Verdict
-from adaptsize.remeshing.attempts import Attempts, Best
+from adaptsize.remeshing.attempts import Attempts, Best, Tried
 from adaptsize.remeshing.driver import Remeshed
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -165,8 +165,9 @@ def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes)
 class FillingGenerator(Generator):
     """Makes fewer cells in a curve than predicted, by some generator; then in some other ratio."""
 
-    def __init__(self, ratio, later, alone="tetwild", away=(0.0, 0.0)):
+    def __init__(self, ratio, later, alone="tetwild", away=(0.0, 0.0), seconds=1.0):
         super().__init__(ratio)
+        self.tried = (Tried("", "", "met", "", seconds),)
         self.mesh, self.alone, self.later = SimplexMesh([[0, 0], [1, 0]], [[0, 1]]), alone, later
         self.asked, self.away = [], list(away)
 
@@ -187,7 +188,8 @@ class FillingGenerator(Generator):
             raise BackendError("it failed")
         requirement = Requirement("boundary", "missed", "", self.away.pop(0), 1e-3)
         best = Best(LINE, Verdict(MeshCheck((requirement,)), 20.0, False), "", "", self.alone)
-        return super().meshed(size)._replace(attempts=Attempts((), best, is_cut_short=False))
+        found = Attempts(self.tried, best, is_cut_short=False)
+        return super().meshed(size)._replace(attempts=found)
 
 
 @pytest.mark.parametrize(
@@ -217,6 +219,12 @@ def test_a_generator_that_leaves_much_of_a_cap_unused_makes_a_second_mesh(
     generator = FillingGenerator(0.55, None)
     generator.mesh = SQUARE  # cells of the same dimension: nothing is filled
     within_cap(generator, Cap(1000.0))
+    assert generator.asked == []
+
+
+def test_a_mesh_that_took_long_is_not_made_again_for_more():
+    generator = FillingGenerator(0.55, 0.57, seconds=100.0)
+    assert within_cap(generator, Cap(1000.0)).mesh.n_cells == pytest.approx(550, rel=0.06)
     assert generator.asked == []
 
 

@@ -1,10 +1,11 @@
 """Sizes of a part given by its surface: they grow inside it, and sources inside act."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from slots import (
     c_ring,
@@ -28,6 +29,7 @@ from adaptsize import (
     size_function,
 )
 from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.limiting import tuning
 
 G = 0.25
 PLAIN = {
@@ -109,6 +111,21 @@ def test_sizes_are_those_along_shortest_paths_inside(seed):
     own = (nodes / scale - [1.0, -2.0, 3.0]) @ turn
     at_nodes = np.minimum(least + G * distances_in_prism(polygon, place)(own), largest)
     assert (grown / scale >= at_nodes * (1.0 - 1e-4)).all()
+
+
+@pytest.mark.parametrize("make", [lambda: extruded(slotted(), 4.0), lambda: extruded(comb(3), 2.0)])
+def test_many_hidden_sources_do_not_keep_a_point_from_those_that_it_sees(make, monkeypatch):
+    """They are behind few walls, so that few lines are traced."""
+    part = make()
+    lower, upper = part.points.min(axis=0), part.points.max(axis=0)
+    places = np.random.default_rng(4130).uniform(lower, upper, (12, 3))
+    sources = [PointSource(place, 0.03) for place in places]
+    options = {"sources": sources, "hmax": 1.0, "hmin": 0.03, "g": G, **PLAIN}
+    with warnings.catch_warnings():  # some are outside
+        warnings.simplefilter("ignore")
+        size = size_function(part, **options)
+        monkeypatch.setattr(tuning, "MOST_HIDDEN", (60, 60, 1))
+        assert_array_equal(size_function(part, **options).values, size.values)
 
 
 PLACE = np.array([2.5, 0.0, 2.0])

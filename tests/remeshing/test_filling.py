@@ -32,6 +32,7 @@ from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.planning import plan
 from adaptsize.remeshing.preparation import as_problem
 from adaptsize.remeshing.surface import refine_surface
+from adaptsize.sizes.prediction import Prediction
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -347,10 +348,25 @@ def test_another_number_of_cells_in_an_open_surface_is_reported():
     opened, run = SimplexMesh(CUBE, CUBE_CELLS[2:]), RecordingRunner.without()
     with pytest.warns(OpenSurfaceWarning, match="the surface is open"):
         job = prepared(opened, 0.15, None, checked(RemeshOptions, {"tolerance": 1e-2}))
-    found = replace(job, n_cells=100.0).attempts(run)
+    found = replace(job, predicted=Prediction(100.0)).attempts(run)
     assert re.match(r"\d+ elements instead of the predicted 100: the mesh", found.best.note)
     assert [one.route for one in found.tried] == ["tetwild"]
     assert {name for name, _, _ in run.jobs} == {"tetwild:tetrahedralize"}
+
+
+def test_a_surface_whose_sharp_edges_are_closer_than_the_sizes_is_left_to_another_generator():
+    """Mmg would keep them all, and Netgen take minutes for a large one."""
+    rough = block(12).boundary().mesh
+    rng = np.random.default_rng(7211)
+    rough = rough.moved(rough.points + rng.normal(0.0, 0.012, rough.points.shape))
+    run = RecordingRunner.without()
+    _, found = attempts_at(rough, 0.3, run, tolerance=2e-2)
+    first, second, last = found.tried
+    wanted = r"mmg made \d{4} triangles of the surface instead of the predicted \d{3}, since it"
+    assert re.match(wanted, first.text)
+    assert (second.route, second.text) == ("netgen, then mmg", first.text)
+    assert (last.route, last.status) == ("tetwild", "met")
+    assert not run.arrays("netgen:tetrahedralize")
 
 
 def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():
@@ -435,11 +451,10 @@ def test_facets_that_an_adapted_surface_crosses_by_very_little_count(monkeypatch
     assert not len(crossing_facets(crossed).cells)
     none = np.empty((0, 2), np.int32)
     same = np.arange(crossed.n_points)
-    monkeypatch.setattr(filling, "adapt_surface", lambda *_: (crossed, none))
     monkeypatch.setattr(filling, "remove_slivers", lambda *_: (crossed, same))
     problem = as_problem("surface to tetrahedra", crossed, 1e-3)
     problem = replace(problem, size=lambda x: np.full(len(x), 0.5))
-    places = filling._adapted_surface(crossed, none, problem, None)[2]
+    places = filling._without_slivers(crossed, none, problem)[2]
     assert len(places)
     assert_allclose(places[:, 2], 1.0, atol=2.0 * depth)
 
@@ -448,12 +463,12 @@ def test_slivers_stay_where_facets_cross_without_them(monkeypatch):
     """One cube is moved into another one instead of the removal of its slivers."""
     crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
     same = np.arange(crossed.n_points)
-    monkeypatch.setattr(filling, "adapt_surface", lambda *_: (apart, np.empty((0, 2), np.int32)))
     monkeypatch.setattr(filling, "remove_slivers", lambda *_: (crossed, same))
     apart = joined(cube(), cube([2.0, 0.0, 0.0]))
     problem = as_problem("surface to tetrahedra", apart, 1e-3)
     problem = replace(problem, size=lambda x: np.full(len(x), 0.5))
-    surface, _, places = filling._adapted_surface(apart, None, problem, None)
+    none = np.empty((0, 2), np.int32)
+    surface, _, places = filling._without_slivers(apart, none, problem)
     assert surface is apart
     assert len(places) == 0
 

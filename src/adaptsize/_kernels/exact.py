@@ -122,14 +122,14 @@ def begin(points, axes, which, sizes, block):
 
 
 @lean
-def _least_in_box(boxes, b, given):
+def least_in_box(boxes, b, given):
     """Return a lower bound of what the entries in box b allow in the box of a block."""
     axes, box, g = given
     return SLACK * (boxes[b, 2 * len(axes)] + g * distance_to_box(boxes, b, axes, box))
 
 
 #: Descends to the leaves of entries that allow least in the box of a block.
-least_leaf = descent_by_bound(_least_in_box)
+least_leaf = descent_by_bound(least_in_box)
 
 
 @lean
@@ -140,7 +140,7 @@ def _least_at_points(boxes, b, given):
     """
     axes, box, g, x, h, count = given
     dim = len(axes)
-    least = _least_in_box(boxes, b, (axes, box, g))
+    least = least_in_box(boxes, b, (axes, box, g))
     if 8 * b < boxes.shape[0]:
         return least
     for i in range(count):

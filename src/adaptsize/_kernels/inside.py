@@ -9,12 +9,13 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.exact import FLAT, least_leaf
+from adaptsize._kernels.compiling import inner, kernel, lean
+from adaptsize._kernels.exact import FLAT, least_in_box
 from adaptsize._kernels.heap import pop, push_or_decrease
 from adaptsize._kernels.local_updates import SPACE
 from adaptsize._kernels.rays import ALONG, hit, inverse, leaf_on_segment
-from adaptsize._kernels.trees import DEPTH, Stack, cells_of_leaf, items_of_leaf
+from adaptsize._kernels.trees import DEPTH, Stack, cells_of_leaf, descent_by_bound, items_of_leaf
+from adaptsize._kernels.unseen import KEPT, Unseen, hide_behind, is_unseen
 from adaptsize._kernels.vectors import cross, dot, minus, norm, triple
 
 #: A size is lowered only by more than this share.
@@ -22,8 +23,8 @@ _LESS = 1.0 - 1e-9
 
 
 @inner
-def _is_hidden(walls, two_sided, x, y, least, stack):
-    """Return whether a facet hides x from y: one whose normal has a larger cosine to the line.
+def _hiding(walls, two_sided, x, y, least, stack):
+    """Return a facet that hides x from y: one whose normal has a larger cosine to the line, or -1.
 
     ``least``: 0 if lines must not leave the solid, -inf if they must not enter it either.
     """
@@ -31,7 +32,7 @@ def _is_hidden(walls, two_sided, x, y, least, stack):
     length = norm(step)
     slack = walls.slack
     if length <= 2.0 * slack:
-        return False
+        return np.int64(-1)
     way = (step[0] / length, step[1] / length, step[2] / length)
     segment = ((x, inverse(way), slack), length)
     stack[0], height = 1, np.int64(1)
@@ -43,8 +44,8 @@ def _is_hidden(walls, two_sided, x, y, least, stack):
                 continue
             # Ends are not moved off sheets, along which lines may run.
             if abs(cosine) > ALONG if two_sided[t] else cosine > least:
-                return True
-    return False
+                return np.int64(t)
+    return np.int64(-1)
 
 
 @kernel
@@ -68,7 +69,7 @@ def find_hidden(walls, two_sided, ends, strict, hidden, begin, end):
     stack = np.empty(DEPTH, np.int64)
     for i in range(begin, end):
         x, y = triple(starts, i, 0), triple(targets, i, 0)
-        hidden[i] = _is_hidden(walls, two_sided, x, y, least, stack)
+        hidden[i] = _hiding(walls, two_sided, x, y, least, stack) >= 0
 
 
 @kernel
@@ -116,8 +117,8 @@ def carry(walls, two_sided, g, places, inner_places, rings, is_hidden, sizes, ai
             straight = sizes[a] + g * norm(minus(place, triple(places, a, 0)))
             if not straight < sizes[x] * _LESS:
                 continue
-            inside = triple(inner_places, x, 0)
-            if not _is_hidden(walls, two_sided, inside, triple(inner_places, a, 0), 0.0, stack):
+            inside, bend = triple(inner_places, x, 0), triple(inner_places, a, 0)
+            if _hiding(walls, two_sided, inside, bend, 0.0, stack) < 0:
                 sizes[x], aims[x] = straight, a
                 push_or_decrease(heap, x, straight)
                 continue
@@ -178,6 +179,31 @@ def find_weights(table, source, points, g, weights):
         weights[i, 0], weights[i, 1], weights[i, 2] = found
 
 
+@lean
+def _least_seen(boxes, b, given):
+    """Return a lower bound of what the entries in box b allow at a point; inf if it is unseen."""
+    bound, frame, unseen, (sizes, i) = given
+    least = least_in_box(boxes, b, bound)
+    if least < sizes[i] and unseen.n[0] > 0:
+        origin, scale, nudge = frame
+        low, high = minus(triple(boxes, b, 0), origin), minus(triple(boxes, b, 3), origin)
+        half = 0.5 * scale
+        middle = half * (low[0] + high[0]), half * (low[1] + high[1]), half * (low[2] + high[2])
+        # The line to an entry ends at a place in it that is moved inside.
+        to_side = (
+            half * (high[0] - low[0]) + nudge,
+            half * (high[1] - low[1]) + nudge,
+            half * (high[2] - low[2]) + nudge,
+        )
+        if is_unseen(unseen, middle, to_side):
+            return math.inf
+    return least
+
+
+#: Descends to the leaves of entries that allow least at a point, but for unseen ones.
+_least_seen_leaf = descent_by_bound(_least_seen)
+
+
 @kernel
 def lower_by_seen(walls, two_sided, entries, normals, frame, g, points, starts, found, most):
     """Lower sizes to the least that the entries allow which are seen from each point.
@@ -197,20 +223,23 @@ def lower_by_seen(walls, two_sided, entries, normals, frame, g, points, starts, 
     found : tuple of float64[n], int32[n]
         In/Out: sizes, and the entry where a size was lowered.
     most : int
-        So many hidden entries are met before a point keeps its size.
+        So many lines to hidden entries are traced before a point keeps its size.
     """
     (table, boxes, nodes), (origin, scale, nudge), (sizes, source) = entries, frame, found
+    frame = (origin[0], origin[1], origin[2]), scale, nudge
     stack, trees = np.empty(DEPTH, np.int64), Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
+    unseen = Unseen(np.empty((KEPT, 16)), np.empty(KEPT, np.int64), np.zeros(1, np.int64))
     box, y = np.empty(6), np.empty(3)
     m = table.shape[0]
     for i in range(len(sizes)):
         x, start = triple(points, i, 0), triple(starts, i, 0)
         for d in range(3):
             box[d] = box[3 + d] = x[d]
-        given, missed = (SPACE, box, g), 0
+        unseen.n[0] = 0
+        given, missed = ((SPACE, box, g), frame, unseen, (sizes, i)), 0
         trees.box[0], trees.bound[0], height = 1, -math.inf, np.int64(1)
         while height > 0 and missed < most:
-            leaf, height = least_leaf(boxes, trees, height, sizes[i], given)
+            leaf, height = _least_seen_leaf(boxes, trees, height, sizes[i], given)
             for k in range(*items_of_leaf(leaf, m)):
                 s, t, u = _weights_of(table, k, x, g)
                 value = s * table[k, 9]
@@ -232,7 +261,13 @@ def lower_by_seen(walls, two_sided, entries, normals, frame, g, points, starts, 
                     if u > 0.0:
                         inwards += u * normals[nodes[k, 2], d]
                     y[d] = (y[d] - origin[d]) * scale - nudge * inwards
-                if _is_hidden(walls, two_sided, start, (y[0], y[1], y[2]), 0.0, stack):
-                    missed += 1
-                else:
+                place = y[0], y[1], y[2]
+                if is_unseen(unseen, place, (0.0, 0.0, 0.0)):
+                    continue
+                wall = _hiding(walls, two_sided, start, place, 0.0, stack)
+                if wall < 0:
                     sizes[i], source[i] = value, k
+                    continue
+                missed += 1
+                if not two_sided[wall]:
+                    hide_behind(unseen, walls, wall, start)

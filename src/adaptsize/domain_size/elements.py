@@ -198,6 +198,12 @@ class MadeMesh(NamedTuple):
         return self.attempts is not None and self.attempts.is_cut_short
 
     @property
+    def took_long(self) -> bool:
+        """Whether the generators took so long that a better use of a cap is not worth it."""
+        tried = () if self.attempts is None else self.attempts.tried
+        return sum(one.seconds for one in tried) > tuning.LONG
+
+    @property
     def is_off(self) -> bool:
         """Whether the boundary is so far away that the generator has made another surface."""
         check = None if self.attempts is None else self.attempts.check
@@ -478,13 +484,13 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh, scale: float = 1.0) -> Mad
     """Return a mesh with more elements than one that leaves much of a cap unused, if it does.
 
     Predictions are those of Mmg, times ``scale``.  In walls thinner than the sizes, fTetWild makes
-    fewer cells.
+    fewer cells.  A mesh that took long is not made again.
     """
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
     is_bound = cap.load(made.mesh) > (1.0 - tuning.NEAR) * ratio  # sizes were relaxed to the cap
     name = None if made.attempts is None or made.attempts.best is None else made.attempts.best.alone
-    is_last = made.is_off or made.is_cut_short or maker.time.is_over
+    is_last = made.is_off or made.is_cut_short or maker.time.is_over or made.took_long
     if name is None or is_last or not fills or not is_bound or ratio > tuning.UNDER_CAP:
         return made
     text = "{} has made {} elements, where {:.0f} were predicted"

@@ -52,6 +52,9 @@ OVER_CAP = 1.1
 MESHES_FOR_FEWER = 2
 #: Elements of a mesh over the predicted number, below which a second one is made for a cap.
 UNDER_CAP = 0.85
+#: Elapsed seconds of generators above which a mesh is not made again for more elements.  fTetWild
+#: takes 10 to 40 s for 40 000, and 90 to 150 s inside the surface of a thread.
+LONG = 60.0
 #: Nodes that sources may add to a mesh, and their share of the elements allowed.  Before a mesh
 #: generator adapts it, a resolved mesh has a quarter to an eighth of the nodes of the new one.
 MOST_NODES_OF_SOURCES, SHARE_OF_NODES = 400_000, 0.25

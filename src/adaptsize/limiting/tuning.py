@@ -75,6 +75,7 @@ NARROW = 0.4
 
 #: A source between the nodes acts on so many of the nearest nodes that do not see what they should.
 NEAREST_NODES = 3
-#: So many hidden sources are passed over in the search for the best one seen from a point: the
-#: least and the largest number, and that for all points together, a few seconds.
+#: So many lines to hidden sources are traced in the search for the best one seen from a point: the
+#: least and the largest number, and that for all points together, a few seconds.  Sources behind a
+#: wall that has hidden another one need none: on the surface of a thread a point needs 6 on average.
 MOST_HIDDEN = (200, 5000, 4_000_000)

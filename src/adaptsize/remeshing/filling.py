@@ -30,6 +30,7 @@ from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import refine_surface, remove_slivers, sliver_height
 from adaptsize.sizes import predict
+from adaptsize.sizes.prediction import Prediction
 from adaptsize.typing import FloatArray, IntArray
 
 _STAGE = Stage("adapting the surface", "Mmg")
@@ -48,8 +49,7 @@ class Filling:
         Of the task "surface to tetrahedra".
     surface : SimplexMesh
         The boundary of the solid, in the coordinates of the problem.
-    n_cells : float
-        Predicted number of cells.
+    predicted : Prediction
     max_elements : float
     most : float
         Number of cells beyond which a mesh is not improved at first, as another one may follow.
@@ -59,12 +59,13 @@ class Filling:
         self,
         problem: MeshingProblem,
         surface: SimplexMesh,
-        n_cells: float,
+        predicted: Prediction,
         max_elements: float,
         most: float = math.inf,
     ) -> None:
         self._problem, self.surface = problem, surface
-        self._n_cells, self._max_elements, self._most = n_cells, max_elements, most
+        self._predicted, self._max_elements, self._most = predicted, max_elements, most
+        self._keeps_edges: BackendError | None = None
         self._refined: dict[tuple[float, float], tuple[SimplexMesh, IntArray]] = {}
 
     def candidates(
@@ -82,12 +83,14 @@ class Filling:
         """
         problem = replace(self._problem, tolerance=attempt.factor * self._problem.tolerance)
         note = ""
+        if self._keeps_edges is not None and attempt.first != "tetwild":
+            raise self._keeps_edges
         if attempt.first == "tetwild":
             generator = available_backends()["tetwild"]
             raw = generator.solve(replace(problem, size=None), replace(run, backend="tetwild"))
             inner = _inside(problem, raw, "tetwild")
             if not self.surface.is_closed:  # otherwise the predicted number is that of the inside
-                note = number_note(inner, self._n_cells, self._max_elements)
+                note = number_note(inner, self._predicted.cells, self._max_elements)
         elif attempt.first == "netgen":
             inner = self._in_given_surface(problem, run)
         else:
@@ -128,14 +131,30 @@ class Filling:
         sizes around them.
         """
         given, ridges = self._without_crossings(problem)
-        surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
-        for _ in range(tuning.MORE_SURFACES):
-            if not 0 < len(crossings) <= tuning.MOST_CROSSINGS:
+        for left in range(tuning.MORE_SURFACES, -1, -1):
+            surface, kept = adapt_surface(given, ridges, problem.sizes, problem.tolerance, run)
+            if left == tuning.MORE_SURFACES:  # later ones have smaller sizes
+                self._refuse_many_facets(surface)
+            surface, kept, crossings = _without_slivers(surface, kept, problem)
+            if left == 0 or not 0 < len(crossings) <= tuning.MOST_CROSSINGS:
                 break
             problem = replace(problem, size=smaller_at(problem.sizes, crossings))
-            surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
         raw = netgen.fill(surface, run)
         return replace(_inside(problem, raw, "netgen"), ridges=kept, is_adapted=True)
+
+    def _refuse_many_facets(self, surface: SimplexMesh) -> None:
+        """Raise if an adapted surface has many more facets than predicted, in each attempt by Mmg.
+
+        Mmg keeps the sharp edges of a rough surface, although they are closer than the sizes.
+        Netgen rarely fills it, and the cells would be many more than requested.
+        """
+        if surface.n_cells > tuning.MANY_MORE_FACETS * self._predicted.facets:
+            made, predicted = surface.n_cells, count_text(self._predicted.facets)
+            self._keeps_edges = BackendError(
+                f"mmg made {made} triangles of the surface instead of the predicted {predicted}, "
+                "since it keeps sharp edges that are closer than the sizes"
+            )
+            raise self._keeps_edges
 
     def _without_crossings(self, problem: MeshingProblem) -> tuple[SimplexMesh, IntArray]:
         """Return the surface with short edges, without its slivers if no facets cross then."""
@@ -228,12 +247,11 @@ def _inside(problem: MeshingProblem, raw: Arrays, generator: str) -> MeshingProb
     return replace(plain, size=problem.size, size_nodes=problem.size_nodes)
 
 
-def _adapted_surface(
-    surface: SimplexMesh, ridges: IntArray, problem: MeshingProblem, run: IsolatedRunner
+def _without_slivers(
+    surface: SimplexMesh, ridges: IntArray, problem: MeshingProblem
 ) -> tuple[SimplexMesh, IntArray, FloatArray]:
-    """Return a surface of the requested sizes to be filled, its ridges, and where facets cross."""
+    """Return an adapted surface to be filled, its ridges, and where facets cross."""
     given, size, tolerance = problem.mesh, problem.sizes, problem.tolerance
-    surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
     # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
     # shorter than this share of the tolerance are removed, unless facets cross only then.
     height = sliver_height(surface, size, 0.5 * tolerance)

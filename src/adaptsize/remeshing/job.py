@@ -63,6 +63,7 @@ from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.sizes.budget import count_elements
+from adaptsize.sizes.prediction import Prediction
 from adaptsize.typing import FloatArray, IntArray
 
 #: Distance of nodes that rounding alone has moved, over the diagonal.
@@ -107,9 +108,9 @@ def prepared(
         to_fill,
         _first_of_loop(mesh, old, given) if solid is None else None,
     )  # fmt: skip
-    n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
-    _refuse_too_many(n_cells, refused_above(given["max_elements"]))
-    return Job(requests, chosen, old, solid, n_cells, given, may_be_joined)
+    predicted = _predicted(mesh, size, requests.to(chosen.name, 1.0))
+    _refuse_too_many(predicted.cells, refused_above(given["max_elements"]))
+    return Job(requests, chosen, old, solid, predicted, given, may_be_joined)
 
 
 @dataclass(frozen=True)
@@ -191,8 +192,8 @@ class Job:
     """The repaired mesh with all facets, with which a new one is compared."""
     solid: Solid | None
     """The solid of a surface to be filled."""
-    n_cells: float
-    """Predicted number of cells."""
+    predicted: Prediction
+    """Numbers of the mesh."""
     given: RemeshOptions
     may_be_joined: bool = False
     """Whether bodies are closer to each other than the tolerance."""
@@ -227,8 +228,8 @@ class Job:
             able = able_backends(requests.task, keep_facets=keep, metric=metric)
             names += [one.name for one in able if one.installed and one.name != chosen.name]
         return Known(
-            requests.task, tuple(names), chosen.needs_volume, self.n_cells, requests.mesh.n_cells,
-            self.given["tolerance"],
+            requests.task, tuple(names), chosen.needs_volume, self.predicted.cells,
+            requests.mesh.n_cells, self.given["tolerance"],
             can_fill=solid is not None and netgen.can_fill(requests.mesh),
             is_closed=requests.to_fill is not None and requests.to_fill.solid.is_closed,
             is_crossed=requests.crossed is not None,
@@ -244,7 +245,7 @@ class Job:
         if self.requests.crossed is not None:
             surface = self.requests.frame.mesh(self.requests.crossed.skin)
         max_elements = refused_above(self.given["max_elements"])
-        return Filling(problem, surface, self.n_cells, max_elements, self.most)
+        return Filling(problem, surface, self.predicted, max_elements, self.most)
 
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
         """Yield the meshes of an attempt, in the given coordinates."""
@@ -300,9 +301,10 @@ class Job:
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""
-        if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
+        most = tuning.MANY_MORE * self.predicted.cells
+        if self.solid is None or self.solid.is_closed or n_cells <= most:
             return ""
-        predicted = count_text(self.n_cells)
+        predicted = count_text(self.predicted.cells)
         return f"{n_cells} elements instead of the predicted {predicted}: {FILLS_MORE}"
 
 
@@ -344,16 +346,16 @@ def _required(
     return repaired.node_map[facets] if len(facets) else None
 
 
-def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
-    """Return the number of cells that the sizes predict."""
+def _predicted(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> Prediction:
+    """Return the numbers that the sizes predict; of facets, only for a surface to be filled."""
     if problem.task != "surface to tetrahedra":
-        return count_elements(problem.mesh, problem.sizes_at_nodes)
+        return Prediction(count_elements(problem.mesh, problem.sizes_at_nodes))
     if isinstance(size, SizeFunction) and size.report is not None:
         nodes = surface_to_fill(mesh).sound.mesh.points  # the first ones of its refined copy
         if np.array_equal(size.background.points[: len(nodes)], nodes):
-            return size.report.n_elements
+            return Prediction(size.report.n_elements, size.report.n_facets)
     # So many points are enough to find out whether there are too many elements.
-    return predict(Enclosed(problem.mesh, 1000), problem.sizes).cells
+    return predict(Enclosed(problem.mesh, 1000), problem.sizes)
 
 
 def _refuse_too_many(n_cells: float, most: float) -> None:
