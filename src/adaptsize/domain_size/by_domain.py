@@ -144,11 +144,13 @@ def mesh_domain(
     background: AnyBackground | None,
     crease_angle: float,
     *,
+    tolerance: float = np.inf,
     is_filled: bool = True,
 ) -> SizedDomain:
     """Return the domain of a mesh, or the domain that a surface or closed polyline encloses.
 
-    That of a surface is bounded by what `remesh` fills.  Where it is not filled, all facets count.
+    That of a surface is bounded by what `remesh` fills within the tolerance.  Where it is not
+    filled, all facets count.
     """
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1:
         ends = np.bincount(mesh.cells.ravel(), minlength=mesh.n_points)
@@ -156,7 +158,7 @@ def mesh_domain(
             spacing = float(np.ptp(mesh.points, axis=0).max()) / 250
             background = CartesianGrid.around(mesh.points, spacing, 6 * spacing)
     if mesh.dim == 3 and mesh.cell_dim == 2:
-        sound = surface_to_fill(mesh).sound if is_filled else repair_mesh(mesh)
+        sound = surface_to_fill(mesh, tolerance).sound if is_filled else repair_mesh(mesh)
         if background is None:
             return SurfaceDomain.of(sound.mesh, crease_angle, sound.node_map)
         mesh = sound.mesh

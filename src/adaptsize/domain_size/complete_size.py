@@ -162,7 +162,8 @@ def _as_domain(
     if isinstance(domain, SimplexMesh):
         if domain.dim == 3 and domain.cell_dim == 2:
             warn_of_left_out(domain)
-        return mesh_domain(domain, background, request.crease_angle)
+        angle, tolerance = request.crease_angle, request.tolerance
+        return mesh_domain(domain, background, angle, tolerance=tolerance)
     if callable(domain):
         return _implicit_domain(domain, background, box, request.progress)
     if background is not None and not isinstance(background, CartesianGrid):

@@ -367,8 +367,9 @@ class Maker:
         if crease_angle not in self.domains:
             is_filled = task_of(self.mesh, self.for_mesh.get("target", "auto")) == _FILLED
             self.domains[crease_angle] = mesh_domain(
-                self.mesh, self.for_sizes.get("background"), crease_angle, is_filled=is_filled
-            )
+                self.mesh, self.for_sizes.get("background"), crease_angle,
+                tolerance=self.for_mesh["tolerance"], is_filled=is_filled,
+            )  # fmt: skip
         return self.domains[crease_angle]
 
     def _shown(self, size: SizeFunction) -> SizeFunction:

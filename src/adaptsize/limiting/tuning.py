@@ -77,5 +77,5 @@ NARROW = 0.4
 NEAREST_NODES = 3
 #: So many lines to hidden sources are traced in the search for the best one seen from a point: the
 #: least and the largest number, and that for all points together, a few seconds.  Sources behind a
-#: wall that has hidden another one need none: on the surface of a thread a point needs 6 on average.
+#: wall that has hidden another one need none: on the surface of a thread a point needs 6.
 MOST_HIDDEN = (200, 5000, 4_000_000)

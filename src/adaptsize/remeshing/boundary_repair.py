@@ -118,11 +118,22 @@ def repaired(
         sizes = _sizes_near(mesh, angles < goal, size)
     else:
         sizes = size(mesh.points)
-    mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
-    if kind in tuning.LAST_GOAL and (angles_of(mesh) < tuning.LAST_GOAL[kind]).any():
+    new = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
+    if kind in tuning.LAST_GOAL and (angles_of(new.mesh) < tuning.LAST_GOAL[kind]).any():
         goal = tuning.LAST_GOAL[kind]
-        mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=False)
-    return mesh
+        new = _improved(new.mesh, given, tolerance, new.sizes, goal, keep_sharp=False)
+    return new.mesh
+
+
+def blunted(surface: SimplexMesh, tolerance: float, longest: float) -> tuple[SimplexMesh, IntArray]:
+    """Return triangles in space with better shapes, whose sharp edges are cut off where possible.
+
+    Also returned are their nodes in the given surface, some of which have moved.  Edges become no
+    longer than ``longest``.
+    """
+    sizes = np.full(surface.n_points, longest / math.sqrt(2.0))
+    new = _improved(surface, surface, tolerance, sizes, tuning.GOAL["surface"], keep_sharp=False)
+    return new.mesh, new.nodes
 
 
 def angles_of(mesh: SimplexMesh) -> FloatArray:
@@ -164,6 +175,14 @@ def _sizes_near(mesh: SimplexMesh, bad: BoolArray, size: Size) -> FloatArray:
     return sizes
 
 
+class _Changed(NamedTuple):
+    """A mesh after local operations, its nodes in the one before, and the sizes there."""
+
+    mesh: SimplexMesh
+    nodes: IntArray
+    sizes: FloatArray
+
+
 class _Tags(NamedTuple):
     """Tags by the numbers of groups of facets and of lines."""
 
@@ -180,8 +199,8 @@ def _improved(
     *,
     keep_sharp: bool,
     wanted: Wanted | None = None,
-) -> tuple[SimplexMesh, FloatArray]:
-    """Return the mesh after local operations, and the sizes at its nodes."""
+) -> _Changed:
+    """Return the mesh after local operations."""
     points, scale = _in_range(mesh)
     follower = Follower(in_space(given.points * scale), points, tolerance * scale)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
@@ -193,9 +212,9 @@ def _improved(
     limits = (tuning.CELLS_PER_BAD_CELL, tuning.INSERTED_BELOW)
     repair(local, mesh.n_cells, work, limits, counts)
     if not counts[1:].any():
-        return mesh, sizes
+        return _Changed(mesh, np.arange(mesh.n_points, dtype=np.int32), sizes)
     new, nodes = _result(mesh, local, tags, scale)
-    return new, local.size[nodes] / scale
+    return _Changed(new, nodes, local.size[nodes] / scale)
 
 
 def repair(

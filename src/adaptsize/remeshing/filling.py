@@ -53,6 +53,8 @@ class Filling:
     max_elements : float
     most : float
         Number of cells beyond which a mesh is not improved at first, as another one may follow.
+    left : float
+        The tolerance of the problem over that of a mesh.
     """
 
     def __init__(
@@ -62,8 +64,9 @@ class Filling:
         predicted: Prediction,
         max_elements: float,
         most: float = math.inf,
+        left: float = 1.0,
     ) -> None:
-        self._problem, self.surface = problem, surface
+        self._problem, self.surface, self._left = problem, surface, left
         self._predicted, self._max_elements, self._most = predicted, max_elements, most
         self._keeps_edges: BackendError | None = None
         self._refined: dict[tuple[float, float], tuple[SimplexMesh, IntArray]] = {}
@@ -111,8 +114,9 @@ class Filling:
         """
         undone: list[bool] = []
         better = partial(
-            improved_soundly, surface=self.surface, tolerance=inner.tolerance, size=inner.size
-        )
+            improved_soundly, surface=self.surface, tolerance=inner.tolerance / self._left,
+            size=inner.size,
+        )  # fmt: skip
 
         def finish() -> SimplexMesh:
             mesh = made()

@@ -97,7 +97,9 @@ def prepared(
     if task == "surface to tetrahedra":
         solid = Solid.of(old)
         may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
-        to_fill = surface_to_fill(mesh)
+        # Where facets must not change, the surface is not made smooth.
+        within = given["tolerance"] if required_facets is None else math.inf
+        to_fill = surface_to_fill(mesh, within)
         repaired = to_fill.sound
     requests = Requests(
         task, repaired.mesh, Frame.around(old),
@@ -108,7 +110,7 @@ def prepared(
         to_fill,
         _first_of_loop(mesh, old, given) if solid is None else None,
     )  # fmt: skip
-    predicted = _predicted(mesh, size, requests.to(chosen.name, 1.0))
+    predicted = _predicted(repaired.mesh, size, requests.to(chosen.name, 1.0))
     _refuse_too_many(predicted.cells, refused_above(given["max_elements"]))
     return Job(requests, chosen, old, solid, predicted, given, may_be_joined)
 
@@ -140,7 +142,7 @@ class Requests:
         key = backend == "mmg", factor
         if key not in self._made:
             made = as_request(
-                self.task, self.mesh, self.frame, self.sizes, factor * self.tolerance,
+                self.task, self.mesh, self.frame, self.sizes, factor * self.left * self.tolerance,
                 self.required, is_by_mmg=backend == "mmg",
             )  # fmt: skip
             if self.crossed is not None:
@@ -153,6 +155,11 @@ class Requests:
         """The solid of a surface to be filled whose facets cross; None where others do not."""
         to_fill = self.to_fill
         return None if to_fill is None or not to_fill.is_crossed else to_fill.solid
+
+    @property
+    def left(self) -> float:
+        """The share of the tolerance that is left for the generators."""
+        return 1.0 if self.to_fill is None else self.to_fill.left
 
     def kept_by(self, problem: MeshingProblem) -> SimplexMesh:
         """Return the mesh whose boundary and interfaces count, in the coordinates of generators.
@@ -241,11 +248,12 @@ class Job:
     def filling(self) -> Filling:
         """The routes that begin with a first volume."""
         problem = self.requests.to("tetwild", 1.0)
-        surface = problem.mesh
-        if self.requests.crossed is not None:
-            surface = self.requests.frame.mesh(self.requests.crossed.skin)
+        surface, to_fill = problem.mesh, self.requests.to_fill
+        if to_fill is not None and (to_fill.is_crossed or to_fill.left < 1.0):
+            surface = self.requests.frame.mesh(to_fill.solid.skin)
         max_elements = refused_above(self.given["max_elements"])
-        return Filling(problem, surface, self.predicted, max_elements, self.most)
+        left = self.requests.left
+        return Filling(problem, surface, self.predicted, max_elements, self.most, left)
 
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
         """Yield the meshes of an attempt, in the given coordinates."""
@@ -286,7 +294,8 @@ class Job:
             if problem.metric is not None or problem.facets.required.any():
                 return new
             if self.solid is not None:
-                return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
+                allowed = problem.tolerance / self.requests.left
+                return improved_soundly(new, self.filling.surface, allowed, problem.size)
             kept = self.requests.kept_by(problem)
             return improved(new, kept, problem.tolerance, problem.size)
 
@@ -346,12 +355,15 @@ def _required(
     return repaired.node_map[facets] if len(facets) else None
 
 
-def _predicted(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> Prediction:
-    """Return the numbers that the sizes predict; of facets, only for a surface to be filled."""
+def _predicted(before: SimplexMesh, size: object, problem: MeshingProblem) -> Prediction:
+    """Return the numbers that the sizes predict; of facets, only for a surface to be filled.
+
+    ``before`` is its mesh before it got coordinates for generators.
+    """
     if problem.task != "surface to tetrahedra":
         return Prediction(count_elements(problem.mesh, problem.sizes_at_nodes))
     if isinstance(size, SizeFunction) and size.report is not None:
-        nodes = surface_to_fill(mesh).sound.mesh.points  # the first ones of its refined copy
+        nodes = before.points  # the first ones of its refined copy
         if np.array_equal(size.background.points[: len(nodes)], nodes):
             return Prediction(size.report.n_elements, size.report.n_facets)
     # So many points are enough to find out whether there are too many elements.

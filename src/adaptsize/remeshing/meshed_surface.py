@@ -15,6 +15,7 @@ from adaptsize.remeshing import tuning
 from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.hole_filling import bodies_of, close_holes
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
+from adaptsize.remeshing.roughness import is_rough_within, smoothed
 
 
 class SurfaceToFill(NamedTuple):
@@ -24,22 +25,55 @@ class SurfaceToFill(NamedTuple):
     solid: Solid
     n_caps: int
     """Number of triangles by which holes were closed."""
+    left: float = 1.0
+    """Share of the tolerance that is left for a mesh; the rest has made the surface smooth."""
 
     @property
     def is_crossed(self) -> bool:
         """Whether facets cross others: of bodies that overlap, whose union could not be made."""
-        return self.solid.is_divided and self.sound.mesh is not self.solid.skin
+        return self.left == 1.0 and self.solid.is_divided and self.sound.mesh is not self.solid.skin
 
 
-def surface_to_fill(surface: SimplexMesh) -> SurfaceToFill:
+def surface_to_fill(surface: SimplexMesh, tolerance: float = np.inf) -> SurfaceToFill:
     """Return a surface without its defects and the facets inside of its solid, normals outward.
 
     Holes are closed by flat caps, if these are small compared with the surface, do not cross their
     own body, and the winding number leaves them free (`Solid.is_opening`).  If bodies overlap, the
     result is the boundary of their union.  All facets stay if that could not be made, or if edges
-    of the surface have tags.  The result is kept with the given surface.
+    of the surface have tags.  A surface that is rough by less than the tolerance is made smooth
+    within a share of that.  The result is kept with the given surface.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space.
+    tolerance : float
+        Allowed distance of the mesh, over the diagonal.
     """
-    return once(surface, "_to_fill", lambda: _to_fill(surface))
+    found = once(surface, "_to_fill", lambda: _to_fill(surface))
+    if not np.isfinite(tolerance) or found.is_crossed:
+        return found
+    return once(surface, f"_to_fill_{tolerance!r}", lambda: _smooth(found, tolerance))
+
+
+def _smooth(found: SurfaceToFill, tolerance: float) -> SurfaceToFill:
+    """Return a surface that is smooth where it was rough by less than the tolerance."""
+    from scipy.spatial import cKDTree
+
+    sound, mesh = found.sound, found.sound.mesh
+    allowed = tolerance * mesh.diagonal
+    if not is_rough_within(mesh, allowed):
+        return found
+    smooth = smoothed(mesh, allowed)
+    if smooth is None or smooth.mesh is mesh:
+        return found
+    place = places_among(smooth.nodes, mesh.n_points)
+    gone = np.flatnonzero(place < 0)
+    place[gone] = cKDTree(smooth.mesh.points).query(mesh.points[gone])[1]
+    node_map = np.append(place, np.int32(-1))[sound.node_map]
+    nodes = sound.nodes[smooth.nodes]
+    new = RepairedMesh(smooth.mesh, nodes, node_map, sound.repairs)
+    return found._replace(sound=new, left=1.0 - smooth.share)
 
 
 def _to_fill(surface: SimplexMesh) -> SurfaceToFill:
