@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from meshes import random_sphere
-from shapes import CORNERS, CUBE_CELLS
+from shapes import CORNERS, CUBE_CELLS, joined
 
 from adaptsize import SimplexMesh, check_mesh, remesh_to_elements, size_function
 from adaptsize.errors import OpenSurfaceWarning
@@ -55,6 +55,15 @@ def test_a_hole_whose_cap_would_cross_its_own_body_is_left_to_the_user():
     points[np.argmin(points @ place)] = 1.02 * place
     opened = SimplexMesh(points, np.delete(SPHERE.cells, 3, axis=0))
     assert surface_to_fill(opened).n_caps == 0
+
+
+def test_a_hole_inside_of_another_body_is_closed_so_that_there_is_a_union():
+    hole = SPHERE.points[SPHERE.cells[3]].mean(axis=0)
+    box = SimplexMesh(hole + 0.4 * (CORNERS - 0.5), CUBE_CELLS)
+    found = surface_to_fill(joined(without(SPHERE, [3]), box))
+    assert found.n_caps == 1
+    assert found.sound.mesh.is_closed
+    assert not found.is_crossed
 
 
 def test_a_surface_with_holes_gets_sizes_and_a_mesh_as_if_it_were_closed():

@@ -38,7 +38,7 @@ def surface_to_fill(surface: SimplexMesh, tolerance: float = np.inf) -> SurfaceT
     """Return a surface without its defects and the facets inside of its solid, normals outward.
 
     Holes are closed by flat caps, if these are small compared with the surface, do not cross their
-    own body, and the winding number leaves them free (`Solid.is_opening`).  If bodies overlap, the
+    own body, and its winding number leaves them free (`Solid.is_opening`).  If bodies overlap, the
     result is the boundary of their union.  All facets stay if that could not be made, or if edges
     of the surface have tags.  A surface that is rough by less than the tolerance is made smooth
     within a share of that.  The result is kept with the given surface.
@@ -86,7 +86,7 @@ def _to_fill(surface: SimplexMesh) -> SurfaceToFill:
 def _without_holes(mesh: SimplexMesh) -> SimplexMesh:
     """Return a surface whose holes are closed, itself if they cannot be, or are no holes.
 
-    The cap of a plane hole is where the winding number of the surface is one half.
+    The cap of a plane hole is where the winding number of its body is one half.
     """
     if mesh.is_closed or Solid.of(mesh).is_closed:
         return mesh
@@ -94,31 +94,31 @@ def _without_holes(mesh: SimplexMesh) -> SimplexMesh:
         closed = close_holes(mesh)
     except ValueError:
         return mesh
-    caps = closed.cells[mesh.n_cells :]
     if not np.array_equal(closed.cells[: mesh.n_cells], mesh.cells):
         return mesh  # it was repaired once more, so that nodes have other numbers
     area = float(closed.measures[mesh.n_cells :].sum())
     if area > tuning.MOST_OF_CAPS * float(mesh.measures.sum()):
         return mesh
-    if not Solid.of(mesh).is_opening(mesh.points[caps].mean(axis=1)).all():
-        return mesh
-    if _caps_cross(closed, mesh.n_cells):
+    if not _close_their_bodies(closed, mesh.n_cells):
         return mesh
     return replace(closed, tagged_facets=mesh.tagged_facets, facet_tags=mesh.facet_tags)
 
 
-def _caps_cross(closed: SimplexMesh, first: int) -> bool:
-    """Return whether caps, the cells from ``first`` on, cross facets of their own body.
+def _close_their_bodies(closed: SimplexMesh, first: int) -> bool:
+    """Return whether caps, the cells from ``first`` on, lie in openings and cross no own facets.
 
     Bodies that cross each other become their union, also at a cap.
     """
-    body = bodies_of(closed)
+    points, body = closed.points, bodies_of(closed)
     for one in np.unique(body[first:]):
         rows = np.flatnonzero(body == one)
-        crossing = crossing_facets(SimplexMesh(closed.points, closed.cells[rows])).cells
+        own, caps = (closed.cells[rows[(rows >= first) == is_cap]] for is_cap in (False, True))
+        if not Solid(SimplexMesh(points, own)).is_opening(points[caps].mean(axis=1)).all():
+            return False
+        crossing = crossing_facets(SimplexMesh(points, closed.cells[rows])).cells
         if (rows[crossing] >= first).any():
-            return True
-    return False
+            return False
+    return True
 
 
 def _around(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
