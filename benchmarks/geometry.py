@@ -13,6 +13,8 @@ spacings: within the band, and beyond it.
 
 *Medial axis*: Algorithm 1 and the marching from it on 256^3 nodes.
 
+*Sizes inside*: those of a screw of 25 to 100 layers, whose steps hide most sources from each point.
+
 *Complete size*: curvature, width and limiting (formulas (18)-(19) of the paper) for the sample
 bracket, as a share of the time that the mesh generator then takes: wall time, as generators
 are processes of their own.
@@ -164,6 +166,37 @@ def width(quick):
     return "Width, separation and the default size function", heads, lines
 
 
+def screw(n_layers, n_around=64, turn=0.147, pitch=0.03):
+    """Return the surface of a rod of layers that are turned against each other, with steps."""
+    angle = 2.0 * np.pi * np.arange(n_around) / n_around + turn * np.arange(n_layers + 1)[:, None]
+    heights = np.broadcast_to(pitch * np.arange(n_layers + 1)[:, None], angle.shape)
+    sides = np.stack([np.cos(angle), np.sin(angle), heights], axis=-1).reshape(-1, 3)
+    i, k = np.arange(n_around), n_around * np.arange(n_layers)[:, None]
+    here, after, n = (k + i).ravel(), (k + (i + 1) % n_around).ravel(), len(sides)
+    top, ends = n - n_around, [[0.0, 0.0, 0.0], [0.0, 0.0, pitch * n_layers]]
+    cells = [
+        np.column_stack([here, after, after + n_around]),
+        np.column_stack([here, after + n_around, here + n_around]),
+        np.column_stack([np.full(n_around, n), (i + 1) % n_around, i]),
+        np.column_stack([np.full(n_around, n + 1), i + top, (i + 1) % n_around + top]),
+    ]
+    return ads.SimplexMesh(np.concatenate([sides, ends]), np.concatenate(cells))
+
+
+def inside(quick):
+    """Time the sizes of parts whose steps hide most of the sources from each point."""
+    lines = []
+    for n_layers in (10,) if quick else (25, 50, 100):
+        part = screw(n_layers)
+        sized = partial(ads.size_function, part, max_elements=40_000, tolerance=2e-3)
+        sized()  # compiled by this
+        size, _, own = best_of(2, sized)
+        n = size.background.n_points
+        lines.append([n_layers, part.n_cells, n, three(own), three(1e6 * own / n)])
+    heads = ["layers", "facets", "nodes of the sizes", "s", "µs/node"]
+    return "Sizes inside a screw of layers, whose steps hide most sources", heads, lines
+
+
 def _ball(x):
     return np.linalg.norm(x, axis=1) - 0.9
 
@@ -208,6 +241,7 @@ CASES = {
     "distance": signed_distance,
     "width": width,
     "medial axis": medial_axis,
+    "inside": inside,
     "complete size": complete_size,
 }
 
