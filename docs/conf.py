@@ -27,6 +27,7 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "names",
+    "navigation",
     "pages",
     "scenes",
     "unbroken",

@@ -15,36 +15,40 @@ from judge import Mesh, Surface, edges_not_manifold, judge, judged, open_edges, 
 SEED = 1
 #: Defects that change the triangles only, not the shape.
 OF_TRIANGLES = {"slivers", "zero", "tjoints", "twins", "doubled", "flipped"}
-PARTS = {number: part_of(number, SEED) for number in range(24)}
 
 
-def test_a_number_fixes_a_part():
+@pytest.fixture(scope="module")
+def parts():
+    return {number: part_of(number, SEED) for number in range(24)}
+
+
+def test_a_number_fixes_a_part(parts):
     for number in (0, 5, 17):
         again = part_of(number, SEED)
-        assert again[0] == PARTS[number][0]
-        np.testing.assert_array_equal(again[1].points, PARTS[number][1].points)
-        np.testing.assert_array_equal(again[2].cells, PARTS[number][2].cells)
-    assert any(part_of(n, SEED + 1)[0] != PARTS[n][0] for n in range(4))
+        assert again[0] == parts[number][0]
+        np.testing.assert_array_equal(again[1].points, parts[number][1].points)
+        np.testing.assert_array_equal(again[2].cells, parts[number][2].cells)
+    assert any(part_of(n, SEED + 1)[0] != parts[n][0] for n in range(4))
 
 
-def test_each_part_has_two_to_four_defects_of_all_kinds():
-    lists = [names for names, *_ in PARTS.values()]
+def test_each_part_has_two_to_four_defects_of_all_kinds(parts):
+    lists = [names for names, *_ in parts.values()]
     assert {len(names) for names in lists} == {2, 3, 4}
     assert all(len(set(names)) == len(names) for names in lists)
     assert len({name for names in lists for name in names}) == 16
 
 
-def test_references_are_closed_up_to_holes_and_enclose_a_volume():
-    for number, (names, _, reference, _) in PARTS.items():
+def test_references_are_closed_up_to_holes_and_enclose_a_volume(parts):
+    for number, (names, _, reference, _) in parts.items():
         assert (open_edges(reference.cells) == 0) == ("holes" not in names), number
         if "holes" not in names:
             assert edges_not_manifold(reference.cells) == 0
             assert enclosed_volume(*reference) > 0.0
 
 
-def test_defects_of_triangles_leave_the_shape():
+def test_defects_of_triangles_leave_the_shape(parts):
     checked = 0
-    for names, part, reference, _ in PARTS.values():
+    for names, part, reference, _ in parts.values():
         if not OF_TRIANGLES & set(names) or len(reference.cells) > 1500:
             continue
         diagonal = np.linalg.norm(np.ptp(reference.points, axis=0))
@@ -56,11 +60,11 @@ def test_defects_of_triangles_leave_the_shape():
     assert checked > 3
 
 
-def test_files_hold_the_part_and_its_reference(tmp_path):
+def test_files_hold_the_part_and_its_reference(tmp_path, parts):
     files = write_parts(tmp_path, 3, SEED)
     assert write_parts(tmp_path, 3, SEED) == files
     for number, file in enumerate(files):
-        names, part, reference, _ = PARTS[number]
+        names, part, reference, _ = parts[number]
         assert file.stem == f"{number:03d}-{'-'.join(names)}"
         assert len(read_surface(file).triangles) == len(part.cells)
         stored = read_surface(file.with_suffix(".reference.npz"))

@@ -112,7 +112,7 @@ def test_sizes_on_a_surface_grow_into_what_it_encloses():
 def test_sizes_on_round_surfaces_allow_the_tolerance():
     radius = 10.0
     mesh = cylinder(60, radius, 5.0)
-    options = {"elements_across": 0, "hmax": 20.0, "g": 9.0}
+    options = {"elements_across": 0, "hmax": 3.0, "g": 9.0}
     for tolerance in (3e-4, 1e-3):
         size = size_function(mesh, tolerance=tolerance, **options)
         report = size.report

@@ -30,14 +30,14 @@ def floor_of(mesh, cap=1000.0, **options):
 
 
 @pytest.mark.parametrize(
-    ("name", "tolerance"), [("sphere", None), ("sphere", 2e-3), ("cylinder", 2e-3)]
+    ("name", "tolerance"), [("sphere", None), ("sphere", 2e-3), ("cylinder", 4e-3)]
 )
 def test_a_cap_leaves_the_sizes_of_chords_as_they_are(name, tolerance):
     # The radius is exact.  A tolerance relaxed by 5 % gives sizes larger by 2.4 %.
     mesh, radius = ROUND[name]
     given = 1e-3 if tolerance is None else tolerance
     chords = np.sqrt(8.0 * given * mesh.diameter * radius)
-    needed = floor_of(mesh, tolerance=tolerance)
+    needed = floor_of(mesh, 200.0, tolerance=tolerance)
     largest = []
     for share in (1.5, 1.05):
         report = size_function(mesh, tolerance=tolerance, max_elements=share * needed).report

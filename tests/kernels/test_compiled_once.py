@@ -37,7 +37,7 @@ for dim in (2, 3):
     ads.limit_gradient(grid, h0.reshape(grid.shape), 0.3)
     limited(ads.CartesianGrid(np.zeros(dim), 0.1, grid.shape, active=box).mesh)
 surface = ads.read("data/bracket.stl")
-size = ads.size_function(surface, max_elements=40000)
+size = ads.size_function(surface, hmin=3.0, hmax=8.0, tolerance=0.01)
 size(surface.points[:5])
 ads.signed_distance(ads.CartesianGrid(surface.points.min(axis=0), 20.0, (9, 9, 9)), surface)
 

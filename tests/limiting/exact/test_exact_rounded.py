@@ -110,16 +110,22 @@ SOLIDS = {
 }
 
 
-@pytest.mark.parametrize("decimals", range(5, 12))
-@pytest.mark.parametrize("name", SOLIDS)
-def test_rounded_solids_are_those_with_plane_faces(name, decimals):
+@cache
+def original_solid(name):
     # Faces are oblique, so that each of their triangles is tilted by the rounding.
     mesh, rng = SOLIDS[name](), np.random.default_rng(2293)
     points = mesh.points @ Rotation.random(random_state=2294).as_matrix() / mesh.diagonal
     h0 = np.full(mesh.n_points, np.inf)
     h0[rng.choice(mesh.n_points, 3)] = 0.01, 0.05, 0.1
-    expected = limit_gradient(SimplexMesh(points, mesh.cells), h0, G, method=Exact())
-    rounded_mesh = SimplexMesh(np.round(points, decimals), mesh.cells)
+    mesh = SimplexMesh(points, mesh.cells)
+    return mesh, h0, limit_gradient(mesh, h0, G, method=Exact())
+
+
+@pytest.mark.parametrize("decimals", range(5, 12))
+@pytest.mark.parametrize("name", SOLIDS)
+def test_rounded_solids_are_those_with_plane_faces(name, decimals):
+    mesh, h0, expected = original_solid(name)
+    rounded_mesh = SimplexMesh(np.round(mesh.points, decimals), mesh.cells)
     h = limit_gradient(rounded_mesh, h0, G, method=Exact())
     assert_allclose(h, expected, rtol=0.0, atol=30.0 * G * 10.0**-decimals)
     i, j = mesh.edges.T
