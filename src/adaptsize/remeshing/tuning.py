@@ -129,8 +129,8 @@ SECONDS, SECONDS_PER_TRIANGLE = 5.0, 1e-3
 MANY_MORE = 1.5
 #: Facets that Mmg makes of a surface over those that were predicted, above which another generator
 #: is tried.  On closed parts these were .8 to 1, on the surfaces of threads, whose sharp edges are
-#: closer than the sizes, 3.2 to 4.9: Netgen then reached its limit of time.
-MANY_MORE_FACETS = 2.0
+#: closer than the sizes, 1.8 to 4.9: Netgen then reached its limit of time.
+MANY_MORE_FACETS = 1.5
 #: Sizes of triangles of CAD models over the diagonal: the least, since at the tip of a cone the
 #: radius is 0 and Gmsh would not end, and the largest by default.
 LEAST_OF_CAD, LARGEST_OF_CAD = 1e-4, 0.1
