@@ -362,11 +362,19 @@ def test_a_surface_whose_sharp_edges_are_closer_than_the_sizes_is_left_to_anothe
     run = RecordingRunner.without()
     _, found = attempts_at(rough, 0.3, run, tolerance=2e-2)
     first, second, last = found.tried
-    wanted = r"mmg made \d{4} triangles of the surface instead of the predicted \d{3}, since it"
+    wanted = r"mmg made \d{4} triangles of the surface instead of \d{3}, since it keeps sharp edges"
     assert re.match(wanted, first.text)
     assert (second.route, second.text) == ("netgen, then mmg", first.text)
     assert (last.route, last.status) == ("tetwild", "met")
     assert not run.arrays("netgen:tetrahedralize")
+
+
+def test_facets_that_were_predicted_badly_are_made_where_there_are_few_sharp_edges(run):
+    """A function of the place is predicted from a sample, which may miss a source."""
+    surface = block(2).boundary().mesh
+    job = prepared(surface, 0.1, None, checked(RemeshOptions, {}))
+    found = replace(job, predicted=job.predicted._replace(facets=100.0)).attempts(run)
+    assert [one.route for one in found.tried] == ["netgen on the adapted surface, then mmg"]
 
 
 def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():

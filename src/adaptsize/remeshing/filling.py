@@ -138,7 +138,7 @@ class Filling:
         for left in range(tuning.MORE_SURFACES, -1, -1):
             surface, kept = adapt_surface(given, ridges, problem.sizes, problem.tolerance, run)
             if left == tuning.MORE_SURFACES:  # later ones have smaller sizes
-                self._refuse_many_facets(surface)
+                self._refuse_many_facets(surface, kept)
             surface, kept, crossings = _without_slivers(surface, kept, problem)
             if left == 0 or not 0 < len(crossings) <= tuning.MOST_CROSSINGS:
                 break
@@ -146,16 +146,17 @@ class Filling:
         raw = netgen.fill(surface, run)
         return replace(_inside(problem, raw, "netgen"), ridges=kept, is_adapted=True)
 
-    def _refuse_many_facets(self, surface: SimplexMesh) -> None:
-        """Raise if an adapted surface has many more facets than predicted, in each attempt by Mmg.
+    def _refuse_many_facets(self, surface: SimplexMesh, ridges: IntArray) -> None:
+        """Raise if sharp edges make many more facets than predicted, in each attempt by Mmg.
 
         Mmg keeps the sharp edges of a rough surface, although they are closer than the sizes.
         Netgen rarely fills it, and the cells would be many more than requested.
         """
-        if surface.n_cells > tuning.MANY_MORE_FACETS * self._predicted.facets:
-            made, predicted = surface.n_cells, count_text(self._predicted.facets)
+        made, predicted = surface.n_cells, self._predicted.facets
+        is_rough = 2 * len(ridges) > tuning.MANY_RIDGES * made
+        if is_rough and made > tuning.MANY_MORE_FACETS * predicted:
             self._keeps_edges = BackendError(
-                f"mmg made {made} triangles of the surface instead of the predicted {predicted}, "
+                f"mmg made {made} triangles of the surface instead of {count_text(predicted)}, "
                 "since it keeps sharp edges that are closer than the sizes"
             )
             raise self._keeps_edges

@@ -128,9 +128,9 @@ SECONDS, SECONDS_PER_TRIANGLE = 5.0, 1e-3
 #: Cells that a first volume requires over those that were predicted, above which this is reported.
 MANY_MORE = 1.5
 #: Facets that Mmg makes of a surface over those that were predicted, above which another generator
-#: is tried.  On closed parts these were .8 to 1, on the surfaces of threads, whose sharp edges are
-#: closer than the sizes, 1.8 to 4.9: Netgen then reached its limit of time.
-MANY_MORE_FACETS = 1.5
+#: is tried, if so many of the facets are beside sharp edges.  On closed parts the first were .8 to
+#: 1, on coarse ones 1.7, and on threads, whose sharp edges are closer than the sizes, 1.8 to 4.9.
+MANY_MORE_FACETS, MANY_RIDGES = 2.0, 0.25
 #: Sizes of triangles of CAD models over the diagonal: the least, since at the tip of a cone the
 #: radius is 0 and Gmsh would not end, and the largest by default.
 LEAST_OF_CAD, LARGEST_OF_CAD = 1e-4, 0.1
