@@ -56,7 +56,7 @@ class Smoothed(NamedTuple):
     nodes: IntArray
     """Its nodes in the given surface; some of them have moved."""
     share: float
-    """The share of the tolerance that was meant for that; points are up to twice as far away."""
+    """The share of the tolerance that was meant for that; some points are twice as far away."""
 
 
 def smoothed(surface: SimplexMesh, tolerance: float) -> Smoothed | None:
