@@ -62,10 +62,9 @@ def size_function(
     Parameters
     ----------
     domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
-        A mesh of tetrahedra, or of triangles in the plane; a surface or closed polyline, for the
-        region it encloses; an implicit function f(points[n, dim]) -> [n], negative inside; an
-        image, or an array of labels or booleans; a grid and the distance there.  A surface is
-        repaired, and made smooth where it is rough by less than ``tolerance``.
+        A mesh of tetrahedra, or of triangles in the plane; a closed polyline, or a surface, which
+        is repaired, and made smooth where rough within ``tolerance``; an implicit function
+        f(points[n, dim]) -> [n], negative inside; an image, labels or mask; a grid and distances.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  By default the mesh itself; of a surface a copy, refined where its
         triangles are long; of a closed polyline, a level set or an image a grid; of a callable an
