@@ -307,6 +307,17 @@ def test_no_cells_are_added_to_a_mesh_of_another_surface(away, is_tried, is_seco
     assert made.mesh.n_cells == pytest.approx(1000 if is_second else 550, rel=0.06)
 
 
+@pytest.mark.parametrize(
+    ("alone", "failures", "is_named"),
+    [("tetwild", 1, True), ("tetwild", 0, False), (None, 1, False)],
+)
+def test_routes_that_failed_are_not_tried_again_for_fewer(alone, failures, is_named):
+    generator = FillingGenerator(1.3, 1.0, alone=alone)
+    generator.tried = (Tried("", "", "failed", "", 1.0),) * failures + generator.tried
+    assert within_cap(generator, Cap(1000.0)).excess is None
+    assert generator.asked == ["tetwild"] * is_named + [pytest.approx(1.3, rel=0.06)]
+
+
 def test_the_second_mesh_is_by_the_generator_that_is_named():
     maker = Maker.of(SQUARE, {"backend": "auto"}, Listener(), None, is_exact=False)
     assert maker.by("tetwild").for_mesh == {**maker.for_mesh, "backend": "tetwild"}

@@ -17,6 +17,7 @@ from adaptsize.quality.boundary import farthest_places
 from adaptsize.remeshing.job import prepared
 from adaptsize.remeshing.meshed_surface import surface_to_fill
 from adaptsize.remeshing.preparation import repair_mesh
+from adaptsize.remeshing.tetwild import TetWildBackend
 
 #: Steps of `screw` are a quarter to two thirds of it.
 TOLERANCE = 1e-2
@@ -107,3 +108,16 @@ def test_tags_of_a_rough_surface_stay_on_their_facets():
     areas = [replace(mesh, cell_tags=None).measures[mesh.cell_tags == 2].sum()
              for mesh in (found, replace(rough, cell_tags=tags))]  # fmt: skip
     assert areas[0] == pytest.approx(areas[1], rel=0.02)
+
+
+def test_tetwild_accepts_worse_cells_where_a_surface_was_rough():
+    energies = []
+
+    def run(function, stage, arrays, options):
+        energies.append(options["stop_energy"])
+        return {"points": arrays["points"], "cells": np.empty((0, 4), np.int32)}
+
+    for tolerance in (TOLERANCE, 0.1 * TOLERANCE):
+        job = prepared(screw(), 0.1, None, checked(RemeshOptions, {"tolerance": tolerance}))
+        TetWildBackend().solve(job.requests.to("tetwild", 1.0), run)
+    assert energies == [30.0, 10.0]

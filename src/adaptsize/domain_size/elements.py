@@ -198,6 +198,17 @@ class MadeMesh(NamedTuple):
         return self.attempts is not None and self.attempts.is_cut_short
 
     @property
+    def alone(self) -> str | None:
+        """The generator, if a single one has made it."""
+        best = None if self.attempts is None else self.attempts.best
+        return None if best is None else best.alone
+
+    @property
+    def follows_failures(self) -> bool:
+        """Whether other routes were tried before."""
+        return self.attempts is not None and len(self.attempts.tried) > 1
+
+    @property
     def took_long(self) -> bool:
         """Whether the generators took so long that a better use of a cap is not worth it."""
         tried = () if self.attempts is None else self.attempts.tried
@@ -446,7 +457,8 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
 
     The latter comes with the reason.  Also returned is what was made of each predicted element
     before the last mesh.  The sizes of each mesh are corrected by what became of those before:
-    where walls are thin, this changes with the sizes.
+    where walls are thin, this changes with the sizes.  Routes that have failed before a generator
+    made the first mesh alone are not tried again.
     """
     best, ratio = made, made.mesh.n_cells / report_of(made.size).n_elements
     first = Message("the mesh has {}", cap.said_of(made.mesh))
@@ -456,6 +468,8 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
         return made._replace(excess=Message(text, first, reason)), ratio
     text = "{}, where {:.0f} elements were predicted"
     maker.listener.say(Message(text, first, report_of(made.size).n_elements))
+    if made.alone is not None and made.follows_failures:
+        maker = maker.by(made.alone)
     excess, fewest = None, math.inf
     for _ in range(tuning.MESHES_FOR_FEWER):
         size = maker.nearest_sized(cap, ratio)
@@ -490,7 +504,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh, scale: float = 1.0) -> Mad
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
     is_bound = cap.load(made.mesh) > (1.0 - tuning.NEAR) * ratio  # sizes were relaxed to the cap
-    name = None if made.attempts is None or made.attempts.best is None else made.attempts.best.alone
+    name = made.alone
     is_last = made.is_off or made.is_cut_short or maker.time.is_over or made.took_long
     if name is None or is_last or not fills or not is_bound or ratio > tuning.UNDER_CAP:
         return made

@@ -147,7 +147,7 @@ class Requests:
             )  # fmt: skip
             if self.crossed is not None:
                 made = replace(made, enclosing=_enclosing(self.crossed, self.frame))
-            self._made[key] = made
+            self._made[key] = replace(made, is_rough=self.left < 1.0)
         return self._made[key]
 
     @property

@@ -130,6 +130,8 @@ class MeshingProblem:
         they grow inside.
     enclosing : Enclosing or None
         If facets of a surface to be filled cross, and the boundary of the union is not known.
+    is_rough : bool
+        Whether the surface was rough, and still has sharp edges that are closer than the sizes.
     served : list of (SimplexMesh, RequestedElements)
         Meshes that a generator has made for the metric, and how these serve it.
     """
@@ -149,6 +151,7 @@ class MeshingProblem:
     is_adapted: bool = False
     in_volume: Callable[[MeshingProblem], MeshingProblem] | None = None
     enclosing: Enclosing | None = None
+    is_rough: bool = False
     served: list[tuple[SimplexMesh, RequestedElements]] = field(default_factory=list)
 
     @property

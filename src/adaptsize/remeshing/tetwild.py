@@ -10,6 +10,8 @@ Observed behaviour that is handled here:
   Where facets cross at small angles, or nearly coincide, it is wrong far from the surface: a public
   part lost 45 tolerances.  There the number of the given surface decides, and facets inside of the
   solid are not passed.
+* It divides cells until the worst one is good.  Beside sharp edges that are closer than the sizes
+  that never ends, so that on rough surfaces it is told to accept worse ones.
 """
 
 from __future__ import annotations
@@ -53,6 +55,7 @@ class TetWildBackend(Backend):
             "coarsen": False,
             "filtered": problem.task == "surface to tetrahedra" and enclosing is None,
             "edge_length": tuning.EDGE_LENGTH * mesh.diagonal,
+            "stop_energy": tuning.STOP_ENERGY_OF_ROUGH if problem.is_rough else tuning.STOP_ENERGY,
         }
         if problem.size is not None:
             from adaptsize.remeshing.sizing import sample_in_box
@@ -91,7 +94,7 @@ def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
     Parameters
     ----------
     arrays : points float64[n, 3], faces int32[m, 3]; size_points, size_cells, sizes if any
-    options : epsilon (over the diagonal), edge_length (absolute), coarsen, filtered
+    options : epsilon (over the diagonal), edge_length (absolute), coarsen, filtered, stop_energy
 
     Returns
     -------
@@ -111,6 +114,7 @@ def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
         epsilon=options["epsilon"],
         vtk_ordering=True,  # the other ordering gives negative volumes
         quiet=not options.get("verbose", False),
+        stop_energy=options["stop_energy"],
         coarsen=options["coarsen"],
         disable_filtering=not options["filtered"],
         **field,
