@@ -80,6 +80,8 @@ class Follower(NamedTuple):
         places, labels, _ = _samples_of(given_points, given, label)
         places, labels = np.concatenate([places, feet]), np.append(labels, wanted)
         own, own_order = _tree_of(self.points, new, groups.new)
+        more, more_labels = _along_edges(given_points, given, label, own)
+        places, labels = np.concatenate([places, more]), np.append(labels, more_labels)
         found, distance2, _ = _nearest(own, places, labels)
         reach2 = np.maximum(distance2, self.tolerance**2) * (1.0 + 1e-9)
         at = np.column_stack([places, np.maximum(labels, -1), reach2])
@@ -133,6 +135,35 @@ def _samples_of(
     ])  # fmt: skip
     found = np.concatenate([*places, points[cells].mean(axis=1)])
     return found, np.concatenate(labels).astype(np.int32), rows
+
+
+def _along_edges(
+    points: FloatArray, cells: IntArray, label: IntArray, own: Given
+) -> tuple[FloatArray, IntArray]:
+    """Return samples on edges of given simplices as close as new ones are large, and labels.
+
+    Of a long sharp edge, the nodes and the middle say nothing about what is between them.
+    """
+    k = cells.shape[1]
+    pairs = np.concatenate([cells[:, [v, (v + 1) % k]] for v in range(k if k > 2 else 1)])
+    rows = np.column_stack([np.tile(label, len(pairs) // len(cells)), np.sort(pairs, axis=1)])
+    rows = np.unique(rows, axis=0)
+    label, start, end = rows[:, 0].astype(np.int32), points[rows[:, 1]], points[rows[:, 2]]
+    corners = own.points[own.cells]
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    places, labels = [np.empty((0, 3))], [np.empty(0, np.int32)]
+    for _ in range(tuning.MOST_HALVINGS):
+        middle = 0.5 * (start + end)
+        row = _nearest(own, middle, label)[0]
+        is_long = np.linalg.norm(end - start, axis=1) > tuning.SPACING_ON_EDGE * size[row]
+        if not is_long.any():
+            break
+        start, middle, end, label = (x[is_long] for x in (start, middle, end, label))
+        places.append(middle)
+        labels.append(label)
+        start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
+        label = np.tile(label, 2)
+    return np.concatenate(places), np.concatenate(labels)
 
 
 def _nearest(

@@ -276,7 +276,8 @@ def _in_rounds(
         if mesh is best:
             del later[0]
             continue
-        flat = minimum_angles(mesh) < min(tuning.FLAT_ANGLE, minimum_angles(best).min())
+        least = tuning.LITTLE_FLATTER * float(minimum_angles(best).min())
+        flat = minimum_angles(mesh) < min(tuning.FLAT_ANGLE, least)
         if flat.any():
             spoiled = spoiled.and_also(_Balls.around(mesh, flat))
             continue
@@ -415,7 +416,7 @@ def _with_targets(
     nodes = surface.cells[cells, weights.argmax(axis=1)]
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
-        edges = _edges_at(surface, targets, lines.straight.are_on(surface))
+        edges = _edges_at(surface, targets, lines.straight.are_parts(surface))
     there, may = lines.borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
     is_taken, served = np.zeros(mesh.n_points, np.bool_), np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
@@ -433,7 +434,7 @@ def _with_targets(
     return _with_nodes(mesh, edges[divided], there[divided], least), served
 
 
-def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) -> IntArray:
+def _edges_at(surface: SimplexMesh, targets: _Targets, is_straight: BoolArray) -> IntArray:
     """Return the edge to divide for each target, -1 for none.
 
     It is the nearest one, or the longest one if the target is inside of a facet.  Straight edges
@@ -442,7 +443,7 @@ def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) ->
     sides = surface.cell_facets[targets.cells]
     is_inside = targets.weights.min(axis=1) > targets.shares[:, 1]
     away = np.where(is_inside[:, None], -surface.edge_lengths[sides], targets.weights)
-    away[is_on_line[surface.edges[sides]].all(axis=2)] = np.inf
+    away[is_straight[sides]] = np.inf
     chosen = surface.edges[sides[np.arange(len(sides)), away.argmin(axis=1)]].copy()
     chosen[np.isinf(away.min(axis=1))] = -1
     return np.asarray(chosen)

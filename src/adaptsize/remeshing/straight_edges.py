@@ -53,10 +53,18 @@ class StraightEdges:
         take_back(points, mesh.cells, mesh.points, nodes, least)
         return replace(mesh, points=points)
 
-    def are_on(self, mesh: SimplexMesh) -> BoolArray:
-        """Return which nodes of a mesh are on straight edges, bool[n_points]."""
-        nodes, _, distance = self._nodes(mesh)
-        return marked(nodes[distance <= self._near], mesh.n_points)
+    def are_parts(self, surface: SimplexMesh) -> BoolArray:
+        """Return which edges of triangles, or of a curve, are parts of straight edges.
+
+        Both ends of an edge between two straight ones are on these, but not its middle.
+        """
+        nodes, _, distance = self._nodes(surface)
+        is_on = marked(nodes[distance <= self._near], surface.n_points)
+        found = is_on[surface.edges].all(axis=1)
+        if found.any() and self._curves is not None:
+            middles = surface.points[surface.edges[found]].mean(axis=1)
+            found[found] = self._curves.locator.nearest(middles)[2] <= self._near
+        return found
 
     def _nodes(self, mesh: SimplexMesh) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return nodes of feature edges closest to straight ones, their places, and distances."""

@@ -123,8 +123,8 @@ COARSENED = 1.0 / 12.0
 #: Energy of the worst cell at which fTetWild ends: its default, and on a surface that was rough.
 #: Beside sharp edges that are closer than the sizes no cell becomes better than about 50, and
 #: fTetWild divides cells there: at a thread, to 890 000 after 28 passes, which took 518 s of
-#: processor time instead of 52.  Small angles are repaired anyway.  With 30 for other surfaces, 78
-#: to 66 % instead of 84 to 83 % of the edges were in the band of three of four parts, as fTetWild
+#: processor time instead of 52.  Small angles are repaired anyway.  With 30 for other surfaces, 66
+#: to 81 % instead of 83 to 84 % of the edges were in the band of three of four parts, as fTetWild
 #: ended before the cells had the sizes.
 STOP_ENERGY, STOP_ENERGY_OF_ROUGH = 10.0, 30.0
 
@@ -274,8 +274,9 @@ HOPELESS = 3.0
 #: If none may follow, they end there for such a place beyond these: nothing makes that mesh meet
 #: the tolerance.  On a public part such a place stayed 43 tolerances away, and rounds took 80 s.
 LOST_FOR_GOOD = 10.0
-#: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
-FLAT_ANGLE = 10.0
+#: A round that leaves smaller angles than this, in degrees, and than this share of those before, is
+#: not kept.  With 1, a wedge stayed 1.5 tolerances away for 9.14 instead of 9.15 degrees.
+FLAT_ANGLE, LITTLE_FLATTER = 10.0, 0.95
 #: Facets are not divided if more than this share of them is beyond the tolerance.
 MOST_FACETS_BEYOND = 0.3
 #: A target with more than this weight at a corner of a facet moves that, and one with less than
@@ -308,6 +309,9 @@ CELLS_PER_BAD_CELL = 40
 INSERTED_BELOW, ADDED_NODES = 16.0, (0.02, 64)
 #: Room for cells and facets per node that may be added: 6.6 to 7.2 are needed where all are used.
 ROWS_OF_NODE = 8
+#: Edges of the given surface are halved for samples of it while they are longer than the new
+#: simplex nearest to their middle times this, so often at most.
+SPACING_ON_EDGE, MOST_HALVINGS = 0.5, 12
 #: Given facets have the direction of new ones if this share agrees, of those whose normals are
 #: parallel up to the angle of this cosine.
 AGREEING, CLEAR_COSINE = 0.95, 0.5
