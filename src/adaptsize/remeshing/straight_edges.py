@@ -60,11 +60,11 @@ class StraightEdges:
         """
         nodes, _, distance = self._nodes(surface)
         is_on = marked(nodes[distance <= self._near], surface.n_points)
-        found = is_on[surface.edges].all(axis=1)
-        if found.any() and self._curves is not None:
+        found = np.flatnonzero(is_on[surface.edges].all(axis=1))
+        if len(found) and self._curves is not None:
             middles = surface.points[surface.edges[found]].mean(axis=1)
-            found[found] = self._curves.locator.nearest(middles)[2] <= self._near
-        return found
+            found = found[self._curves.locator.nearest(middles)[2] <= self._near]
+        return marked(found, len(surface.edges))
 
     def _nodes(self, mesh: SimplexMesh) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return nodes of feature edges closest to straight ones, their places, and distances."""
