@@ -275,7 +275,7 @@ HOPELESS = 3.0
 #: the tolerance.  On a public part such a place stayed 43 tolerances away, and rounds took 80 s.
 LOST_FOR_GOOD = 10.0
 #: A round that leaves smaller angles than this, in degrees, and than this share of those before, is
-#: not kept.  With 1, a wedge stayed 1.5 tolerances away for 9.14 instead of 9.15 degrees.
+#: not kept.  With 1, a wedge of 9.15 degrees stayed 1.5 tolerances away for less than .01 degrees.
 FLAT_ANGLE, LITTLE_FLATTER = 10.0, 0.95
 #: Facets are not divided if more than this share of them is beyond the tolerance.
 MOST_FACETS_BEYOND = 0.3
