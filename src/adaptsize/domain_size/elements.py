@@ -457,8 +457,8 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
 
     The latter comes with the reason.  Also returned is what was made of each predicted element
     before the last mesh.  The sizes of each mesh are corrected by what became of those before:
-    where walls are thin, this changes with the sizes.  Routes that have failed before a generator
-    made the first mesh alone are not tried again.
+    where walls are thin, this changes with the sizes.  If routes had failed before one generator
+    alone made the first mesh, they are not tried again.
     """
     best, ratio = made, made.mesh.n_cells / report_of(made.size).n_elements
     first = Message("the mesh has {}", cap.said_of(made.mesh))

@@ -140,9 +140,27 @@ def _samples_of(
 def _along_edges(
     points: FloatArray, cells: IntArray, label: IntArray, own: Given
 ) -> tuple[FloatArray, IntArray]:
-    """Return samples on edges of given simplices as close as new ones are large, and labels.
+    """Return samples on long edges of given simplices, and their labels.
 
-    Of a long sharp edge, the nodes and the middle say nothing about what is between them.
+    The nodes and the middle of a sharp edge that is much longer than new simplices do not show what
+    is lost between them.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, 2 or 3]
+        The given segments or triangles.
+    label : int32[m]
+        The group of each of them.
+    own : Given
+        The new simplices in a tree.
+
+    Returns
+    -------
+    float64[s, 3]
+        Points whose distances along an edge are at most half of the longest edge of the new simplex
+        nearest to the middle between them.
+    int32[s]
     """
     k = cells.shape[1]
     pairs = np.concatenate([cells[:, [v, (v + 1) % k]] for v in range(k if k > 2 else 1)])

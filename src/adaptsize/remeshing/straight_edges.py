@@ -56,7 +56,7 @@ class StraightEdges:
     def are_parts(self, surface: SimplexMesh) -> BoolArray:
         """Return which edges of triangles, or of a curve, are parts of straight edges.
 
-        Both ends of an edge between two straight ones are on these, but not its middle.
+        An edge that connects two straight ones is none: its ends are on these, but not its middle.
         """
         nodes, _, distance = self._nodes(surface)
         is_on = marked(nodes[distance <= self._near], surface.n_points)

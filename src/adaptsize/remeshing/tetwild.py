@@ -10,8 +10,9 @@ Observed behaviour that is handled here:
   Where facets cross at small angles, or nearly coincide, it is wrong far from the surface: a public
   part lost 45 tolerances.  There the number of the given surface decides, and facets inside of the
   solid are not passed.
-* It divides cells until the worst one is good.  Beside sharp edges that are closer than the sizes
-  that never ends, so that on rough surfaces it is told to accept worse ones.
+* It refines until the energy of the worst cell is below a threshold.  Beside sharp edges that are
+  closer than the sizes, this takes hundreds of thousands of cells.  Therefore the threshold is
+  larger on surfaces that were rough.
 """
 
 from __future__ import annotations
