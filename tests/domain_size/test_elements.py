@@ -10,6 +10,7 @@ from meshes import random_sphere, with_cracks
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize._stopwatch import Stopwatch
+from adaptsize.domain_size import budget
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.elements import (
     Cap,
@@ -131,7 +132,7 @@ class CappedGenerator(Generator):
         super().__init__(ratio)
         self.away, self.fails, self.made = away, fails, 0
 
-    def nearest_sized(self, cap, ratio):
+    def nearest_sized(self, cap, ratio, start=1.0):
         size = size_function(SQUARE, elements=(cap.elements or 1000.0) / ratio)
         report = replace(size.report, n_elements=ratio * size.report.n_elements)
         return replace(size, report=report)
@@ -178,7 +179,7 @@ class FillingGenerator(Generator):
         self.asked.append(backend)
         return self
 
-    def nearest_sized(self, cap, ratio):
+    def nearest_sized(self, cap, ratio, start=1.0):
         self.asked.append(ratio)
         size, self.ratio = size_function(SQUARE, elements=cap.elements / ratio), self.later
         return size
@@ -235,7 +236,7 @@ class ChangingGenerator(FillingGenerator):
         super().__init__(1.3, None, alone=None, away=[0.0] * 3)
         self.per_size = iter([1.3, 0.65, 0.65])
 
-    def nearest_sized(self, cap, ratio):
+    def nearest_sized(self, cap, ratio, start=1.0):
         self.asked.append(ratio)
         size = size_function(SQUARE, elements=cap.elements / ratio)
         self.alone = "tetwild"
@@ -251,7 +252,7 @@ def test_a_mesh_for_fewer_that_leaves_much_of_a_cap_unused_is_followed_by_one_fo
     generator = ChangingGenerator()
     made = within_cap(generator, Cap(1000.0))
     assert generator.asked == [
-        pytest.approx(1.3, rel=0.06), "tetwild", pytest.approx(0.65, rel=0.06)
+        pytest.approx(1.3**1.5, rel=0.06), "tetwild", pytest.approx(0.65, rel=0.06)
     ]  # fmt: skip
     assert made.mesh.n_cells == pytest.approx(1000, rel=0.06)
     assert made.excess is None
@@ -264,7 +265,7 @@ class ThinWalls(FillingGenerator):
         super().__init__(1.0, None, alone=None, away=[0.0] * 4)
         self.per_size = iter(per_size)
 
-    def nearest_sized(self, cap, ratio):
+    def nearest_sized(self, cap, ratio, start=1.0):
         self.asked.append(ratio)
         size = size_function(SQUARE, elements=cap.elements / ratio)
         return replace(size, report=replace(size.report, n_elements=ratio * size.report.n_elements))
@@ -277,9 +278,9 @@ class ThinWalls(FillingGenerator):
 @pytest.mark.parametrize(
     ("per_size", "count", "asked"),
     [
-        ((1.6, 1.9, 2.0), 1050, [1.6, 1.9]),
-        ((1.6, 1.9, 2.2), 1160, [1.6, 1.9]),  # no third one for fewer
-        ((1.6, 2.5, 3.1), 1240, [1.6, 2.5]),
+        ((1.6, 2.4, 2.75), 1050, [2.02, 2.61]),
+        ((1.6, 2.4, 3.0), 1150, [2.02, 2.61]),  # no third one for fewer
+        ((1.6, 2.5, 3.5), 1235, [2.02, 2.78]),
     ],
 )
 def test_a_mesh_for_fewer_that_exceeds_a_cap_is_followed_by_one_for_even_fewer(
@@ -290,6 +291,37 @@ def test_a_mesh_for_fewer_that_exceeds_a_cap_is_followed_by_one_for_even_fewer(
     assert generator.asked == pytest.approx(asked, rel=0.04)
     assert made.mesh.n_cells == pytest.approx(count, rel=0.04)
     assert (made.excess is None) == (count < 1100)
+
+
+def test_an_excess_that_is_on_facets_is_met_by_the_next_mesh():
+    generator = ThinWalls()
+
+    def of_facets(size, **_):
+        raw = size.report.n_elements / (generator.asked[-1] if generator.asked else 1.0)
+        generator.ratio = 1500.0 * (raw / 1000.0) ** (2.0 / 3.0) / size.report.n_elements
+        return FillingGenerator.meshed(generator, size)
+
+    generator.meshed = of_facets
+    made = within_cap(generator, Cap(1000.0))
+    assert len(generator.asked) == 1
+    assert made.mesh.n_cells == pytest.approx(1000, rel=0.04)
+
+
+def test_a_search_may_begin_with_relaxed_sizes(monkeypatch):
+    tried, real = [], budget._relaxed
+
+    def relaxed(domain, request, relaxation):
+        tried.append(relaxation)
+        return real(domain, request, relaxation)
+
+    monkeypatch.setattr(budget, "_relaxed", relaxed)
+    maker = Maker.of(sphere(), {"max_elements": 9000.0}, Listener(), None, is_exact=False)
+    usual, number = maker.nearest_sized(Cap(9000.0), 1.0), len(tried)
+    near = 1.5 * usual.report.relaxation
+    begun = maker.nearest_sized(Cap(9000.0), 1.0, near)
+    assert tried[number] == near
+    assert len(tried) - number < number
+    assert 8550 <= begun.report.n_elements <= 9180
 
 
 @pytest.mark.parametrize(
@@ -315,7 +347,7 @@ def test_routes_that_failed_are_not_tried_again_for_fewer(alone, failures, is_na
     generator = FillingGenerator(1.3, 1.0, alone=alone)
     generator.tried = (Tried("", "", "failed", "", 1.0),) * failures + generator.tried
     assert within_cap(generator, Cap(1000.0)).excess is None
-    assert generator.asked == ["tetwild"] * is_named + [pytest.approx(1.3, rel=0.06)]
+    assert generator.asked == ["tetwild"] * is_named + [pytest.approx(1.3**1.5, rel=0.06)]
 
 
 def test_the_second_mesh_is_by_the_generator_that_is_named():

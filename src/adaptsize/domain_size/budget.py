@@ -58,9 +58,13 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     return _ordered(domain, request, size)
 
 
-def nearest_to_budget(domain: SizedDomain, request: Request) -> SizeFunction:
-    """Return the sizes nearest to a number of elements, with the fewest if these are too many."""
-    return _ordered(domain, request, _searched(domain, request).best.result)
+def nearest_to_budget(domain: SizedDomain, request: Request, start: float = 1.0) -> SizeFunction:
+    """Return the sizes nearest to a number of elements, with the fewest if these are too many.
+
+    The search begins with the relaxation ``start``, which is above 1 only if sizes that are not
+    relaxed are known to have too many.
+    """
+    return _ordered(domain, request, _searched(domain, request, start).best.result)
 
 
 def _ordered(domain: SizedDomain, request: Request, size: SizeFunction) -> SizeFunction:
@@ -71,13 +75,14 @@ def _ordered(domain: SizedDomain, request: Request, size: SizeFunction) -> SizeF
     return size
 
 
-def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
+def _searched(domain: SizedDomain, request: Request, start: float = 1.0) -> Search[SizeFunction]:
     """Return the sizes that were tried, relaxed more and more, or tightened.
 
     If the first ones have too many elements, those of the boundary within the tolerance are counted
-    next: where they are too many, nothing else is tried.
+    next, unless ``start`` is above 1: where they are too many, nothing else is tried.
     """
-    first = _relaxed(domain, request, 1.0)
+    start = min(start, tuning.FARTHEST)
+    first = _relaxed(domain, request, start)
     is_kept = bool(np.isfinite(report_of(first).tolerance))
     close = math.log1p(tuning.CLOSE)
     search: Search[SizeFunction] = Search(
@@ -85,17 +90,17 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
         below=close if request.goal is not None else tuning.UNUSED, is_cap=request.goal is None,
         bounds=(1.0 if request.goal is None else 0.0, tuning.FARTHEST if is_kept else np.inf),
         # Where a bound no longer grows, hmin does, and exceeds it in the end; unless it is given.
-        patience=3 if _given(request) else 6,
+        patience=3 if _given(request) else 6, start=start,
     )  # fmt: skip
     search.add(_load(report_of(first), request), first)
     known: dict[float, SizeFunction] = {}
-    if is_kept and search.miss > close:
+    if start == 1.0 and is_kept and search.miss > close:
         fewest = known[tuning.FARTHEST] = _fully_relaxed(domain, request)
         load = _load(report_of(fewest), request)
         if np.log(load) > close:  # those above by less than a tenth are made as they are
             search.add(load, fewest, factor=tuning.FARTHEST)
             return search
-    elif request.is_fixed:
+    elif start == 1.0 and request.is_fixed:
         return search
     while (factor := search.factor) is not None:
         size = known[factor] if factor in known else _relaxed(domain, request, factor)

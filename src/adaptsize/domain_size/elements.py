@@ -334,17 +334,18 @@ class Maker:
         """Return the sizes for another number than the one in the request, or for that."""
         return self._shown(self._computed(within_budget, {**self.for_sizes, **number}))
 
-    def nearest_sized(self, cap: Cap, ratio: float) -> SizeFunction:
+    def nearest_sized(self, cap: Cap, ratio: float, start: float = 1.0) -> SizeFunction:
         """Return the sizes within a cap, or the nearest that are possible.
 
         Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
+        The search begins with the relaxation ``start``.
         """
         given = dict(self.for_sizes)
         if cap.elements is not None:
             given["max_elements"] = max(cap.elements / ratio, 1.0)
         if cap.memory is not None:
             given["max_memory"] = f"{as_bytes(cap.memory) / ratio:.0f}B"
-        size = self._computed(nearest_to_budget, given)
+        size = self._computed(partial(nearest_to_budget, start=start), given)
         report = report_of(size)
         report = replace(
             report, n_elements=ratio * report.n_elements, n_nodes=ratio * report.n_nodes
@@ -457,10 +458,10 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
 
     The latter comes with the reason.  Also returned is what was made of each predicted element
     before the last mesh.  The sizes of each mesh are corrected by what became of those before:
-    where walls are thin, this changes with the sizes.  If routes had failed before one generator
+    what exceeds a prediction falls slower than it.  If routes had failed before one generator
     alone made the first mesh, they are not tried again.
     """
-    best, ratio = made, made.mesh.n_cells / report_of(made.size).n_elements
+    best, ratio = made, (made.mesh.n_cells / report_of(made.size).n_elements) ** tuning.FALL
     first = Message("the mesh has {}", cap.said_of(made.mesh))
     if made.is_off or made.is_cut_short or maker.time.is_over:
         reason = "the boundary is too far away" if made.is_off else "the time is over"
@@ -470,16 +471,17 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
     maker.listener.say(Message(text, first, report_of(made.size).n_elements))
     if made.alone is not None and made.follows_failures:
         maker = maker.by(made.alone)
-    excess, fewest = None, math.inf
+    excess, fewest, last = None, math.inf, made
     for _ in range(tuning.MESHES_FOR_FEWER):
-        size = maker.nearest_sized(cap, ratio)
+        start = report_of(last.size).relaxation * cap.load(last.mesh) ** tuning.FURTHER
+        size = maker.nearest_sized(cap, ratio, start)
         asked = report_of(size).n_elements
         if asked > (1.0 - tuning.UNUSED) * best.mesh.n_cells:
             excess = excess or Message("{}: {}", first, what_controls(report_of(size)))
             break
         try:
             with warnings.catch_warnings(record=True):  # of a mesh that is not written
-                new = maker.meshed(size, most=cap.most)
+                last = new = maker.meshed(size, most=cap.most)
         except (TooManyElementsError, BackendError) as error:
             excess = excess or Message("{}, and for fewer: {}", first, message_of(error))
             break
@@ -491,7 +493,7 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
         best = min(best, new, key=lambda one: cap.load(one.mesh))
         if maker.time.is_over:
             break
-        ratio *= new.mesh.n_cells / asked
+        ratio *= (new.mesh.n_cells / asked) ** tuning.FALL
     return best._replace(excess=excess), ratio
 
 

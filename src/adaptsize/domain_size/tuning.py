@@ -47,9 +47,16 @@ UNUSED = 0.05
 LARGEST_DETAIL = 0.1
 #: Elements of a mesh over the largest number allowed, up to which it is accepted (decision 39).
 OVER_CAP = 1.1
-#: Meshes that are made for fewer elements after one that exceeds a cap.  Of 24 generated parts,
-#: the first of these exceeded it by 12 to 21 % on five, whose walls and letters are thin.
+#: Meshes that are made for fewer elements after one that exceeds a cap.
 MESHES_FOR_FEWER = 2
+#: The next one is predicted for what was made over what was predicted to this power: the number of
+#: facets, and of cells beside thin walls, falls as that of cells to the power of 2/3.  By fTetWild
+#: on two rough surfaces, the number fell as the predicted one to the power of .62 and .65; with 1,
+#: these needed three meshes, and five of 24 generated parts exceeded a cap again by 12 to 21 %.
+FALL = 1.5
+#: The search for its sizes begins with the relaxation of the last ones times the excess to this
+#: power.  A number fell as about the square of the relaxation, and as its cube near the most.
+FURTHER = 0.75
 #: Elements of a mesh over the predicted number, below which a second one is made for a cap.
 UNDER_CAP = 0.85
 #: Elapsed seconds of generators above which a mesh is not made again for more elements.  fTetWild
