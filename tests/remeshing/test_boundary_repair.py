@@ -18,6 +18,7 @@ from adaptsize.quality.boundary import n_components, overlapping_cells, region_m
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import boundary_repair, tuning
 from adaptsize.remeshing.boundary_repair import Wanted, angles_of, repaired
+from adaptsize.remeshing.following import Follower, Groups
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.straight_edges import feature_edges
 from adaptsize.remeshing.surface import facets_of
@@ -335,7 +336,7 @@ def tube(n):
     return SimplexMesh(points.reshape(-1, 3), cells)
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, 4])
 def test_nodes_are_inserted_where_nothing_else_helps(seed, monkeypatch):
     old = positive(*_random_cells(60, seed))
     tolerance = 1e-3  # the boundary is as good as fixed
@@ -387,19 +388,36 @@ def above_a_facet(weights, height, has_top):
 
 
 def sampled_gap(new, given, height):
-    """The distance of nodes, middles and centroids of the new surface from that given, and back.
+    """The distance of a lattice of the new surface, in quarters, from that given, and back.
 
-    Back from the block only.
+    Back are nodes, middles and centroids, from the block only.
     """
-    at = [
-        np.concatenate(
-            [skin.points, *(skin.points[c].mean(axis=1) for c in (skin.edges, skin.cells))]
-        )
-        for skin in (new.boundary().mesh, given)
-    ]
-    flat = at[1][at[1][:, 2] < 1.0 + 0.5 * height]
-    away = given.locator.nearest(at[0])[2].max()
-    return max(away, new.boundary().mesh.locator.nearest(flat)[2].max())
+    skin = new.boundary().mesh
+    lattice = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4.0
+    lattice = np.vstack([lattice, np.full(3, 1.0 / 3.0)])
+    places = np.einsum("lv,mvd->lmd", lattice, skin.points[skin.cells]).reshape(-1, 3)
+    back = [given.points[nodes].mean(axis=1) for nodes in (given.edges, given.cells)]
+    back = np.concatenate([given.points, *back])
+    back = back[back[:, 2] < 1.0 + 0.5 * height]
+    return max(given.locator.nearest(places)[2].max(), skin.locator.nearest(back)[2].max())
+
+
+def test_samples_on_long_given_edges_are_as_close_as_the_shortest_new_edges_there():
+    """Facets of 1 x .02 and of 1 x 1 on two halves of a square of two given triangles."""
+    sides = np.concatenate([np.linspace(0.0, 1.0, 51), [2.0]])
+    points = np.array([[x, y, 0.0] for x in sides for y in (0.0, 1.0)])
+    i = 2 * np.arange(len(sides) - 1)[:, None]
+    new = np.concatenate([i + np.array(one) for one in ([0, 2, 3], [0, 3, 1])]).astype(np.int32)
+    given = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)
+    cells = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    groups = Groups.of(np.zeros((len(new), 1), int), np.zeros((2, 1), int))
+    for tolerance, spacing in ((1e-4, 0.01), (0.1, 0.05)):
+        found = Follower(given, points, tolerance).sampled(cells, groups, new, 0)[1].at
+        on = np.unique(found[found[:, 1] == 0.0][:, 0])
+        gaps = np.diff(on)
+        assert gaps[on[1:] <= 0.9].max() <= spacing
+        assert gaps[on[:-1] > 1.2].max() <= 0.5
+        assert len(on) < 2.2 / spacing + 120
 
 
 @pytest.mark.parametrize(

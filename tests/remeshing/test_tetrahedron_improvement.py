@@ -175,6 +175,12 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     assert run(flat) is flat  # no nearer
     assert run(flat, thin, high) is high  # a flat cell is no price for an edge, and is avoided
     assert [n for _, n in asked] == [0, 0, 1]
+    beside = ads.SimplexMesh(
+        np.vstack([high.points, high.points + np.array([0.3, 0.2, 0.0])]),
+        np.vstack([high.cells, high.cells + high.n_points]),
+    )
+    assert run(flat, beside, high) is high  # neither are facets that cross
+    assert [n > 0 for _, n in asked] == [False, False, True]
     slightly = with_tip(flat, corners, 0.0015)
     assert run(flat, slightly, high) is high  # so little nearer that lower qualities are next
     assert [least for least, _ in asked] == [0.2, 0.05, 0.01]
@@ -185,7 +191,7 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     [
         (0.0164, 0.0, True, True),
         (0.0164, 0.0, False, False),  # no other mesh would follow
-        (0.0049, 0.0, False, True),  # so far away that no mesh of this one is near
+        (0.0024, 0.0, False, True),  # so far away that no mesh of this one is near
         (0.0172, 0.0, True, False),  # not that far away
         (0.014, 0.0065, True, False),  # the first round has brought it nearer
         (0.014, 0.0035, True, True),

@@ -110,6 +110,8 @@ def repaired(
     angles = angles_of(mesh)
     if wanted is not None:
         wanted = wanted._replace(least=max(wanted.least, float(angles.min())))
+        # What could not be improved before would bring other places farther away now.
+        goal = tuning.LAST_GOAL.get(kind, goal)
     elif not (angles < goal).any():
         return mesh
     if size is None:

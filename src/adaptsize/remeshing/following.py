@@ -80,7 +80,7 @@ class Follower(NamedTuple):
         places, labels, _ = _samples_of(given_points, given, label)
         places, labels = np.concatenate([places, feet]), np.append(labels, wanted)
         own, own_order = _tree_of(self.points, new, groups.new)
-        more, more_labels = _along_edges(given_points, given, label, own)
+        more, more_labels = _along_edges(given_points, given, label, own, self.tolerance)
         places, labels = np.concatenate([places, more]), np.append(labels, more_labels)
         found, distance2, _ = _nearest(own, places, labels)
         reach2 = np.maximum(distance2, self.tolerance**2) * (1.0 + 1e-9)
@@ -138,7 +138,7 @@ def _samples_of(
 
 
 def _along_edges(
-    points: FloatArray, cells: IntArray, label: IntArray, own: Given
+    points: FloatArray, cells: IntArray, label: IntArray, own: Given, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
     """Return samples on long edges of given simplices, and their labels.
 
@@ -154,12 +154,13 @@ def _along_edges(
         The group of each of them.
     own : Given
         The new simplices in a tree.
+    tolerance : float
 
     Returns
     -------
     float64[s, 3]
-        Points whose distances along an edge are at most half of the longest edge of the new simplex
-        nearest to the middle between them.
+        Points whose distances along an edge are at most half of the shortest edge of the new
+        simplex nearest to the middle between them, or of the tolerance.
     int32[s]
     """
     k = cells.shape[1]
@@ -168,7 +169,8 @@ def _along_edges(
     rows = np.unique(rows, axis=0)
     label, start, end = rows[:, 0].astype(np.int32), points[rows[:, 1]], points[rows[:, 2]]
     corners = own.points[own.cells]
-    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    size = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min(axis=1)
+    size = np.maximum(size, tolerance)
     places, labels = [np.empty((0, 3))], [np.empty(0, np.int32)]
     for _ in range(tuning.MOST_HALVINGS):
         middle = 0.5 * (start + end)

@@ -24,6 +24,7 @@ from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.borders import Borders
 from adaptsize.remeshing.boundary_repair import Wanted, repaired
+from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
@@ -80,10 +81,8 @@ def improved(
     mesh = _along_borders(mesh, lines.borders, tuning.AIM * tolerance)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
-        best, limit = (
-            _divided(mesh, old, far, tolerance, lines, least, spoiled),
-            tuning.AIM * tolerance,
-        )
+        limit = tuning.AIM * tolerance
+        best = _divided(mesh, old, far, tolerance, lines, least, spoiled)
         wanted = None
         if least < tuning.LEAST_QUALITY:
             wanted = _targets(best.far, old, limit, spoiled).wanted(best.far, least)
@@ -268,6 +267,7 @@ def _in_rounds(
             return best
         if far.largest > tuning.LOST_FOR_GOOD * tolerance:
             return best
+    are_crossed = mesh.dim == 3 and len(crossing_facets(far.surface).cells) > 0
     for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.
         if not later or not far.are_few(tolerance):
@@ -278,10 +278,14 @@ def _in_rounds(
             continue
         least = tuning.LITTLE_FLATTER * float(minimum_angles(best).min())
         flat = minimum_angles(mesh) < min(tuning.FLAT_ANGLE, least)
-        if flat.any():
-            spoiled = spoiled.and_also(_Balls.around(mesh, flat))
-            continue
         now = far.after(mesh, old, limit)
+        crossed = np.zeros(now.surface.n_cells, np.bool_)
+        if mesh.dim == 3 and not are_crossed:
+            crossed[crossing_facets(now.surface).cells] = True
+        if flat.any() or crossed.any():
+            spoiled = spoiled.and_also(_Balls.around(mesh, flat))
+            spoiled = spoiled.and_also(_Balls.around(now.surface, crossed))
+            continue
         share = now.beyond(tolerance) / far.beyond(tolerance)
         if share < 1.0:
             best, far = mesh, now
