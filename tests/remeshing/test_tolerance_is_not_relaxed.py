@@ -4,10 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from meshes import random_sphere
 from shapes import block
 
 import adaptsize as ads
 from adaptsize.errors import BackendError
+from adaptsize.geometry.solid import Solid
 from adaptsize.options import RemeshOptions, checked
 from adaptsize.remeshing import improvement, job, mmg
 from adaptsize.remeshing.acceptance import Judge
@@ -114,6 +116,30 @@ def test_nodes_have_left_the_boundary_beyond_a_tenth_more_than_the_tolerance(fac
     box, tolerance = block(4), 0.01
     moved = box.moved(box.points + factor * tolerance * box.diagonal * np.eye(3)[0])
     assert Judge(box, None, None, tolerance)(moved).is_off == is_off
+
+
+def test_few_facets_off_a_filled_surface_are_a_fault_that_another_generator_may_cure():
+    """The tip of a pyramid on a box, lost by two tolerances, as all corners of a coarse box are."""
+    skin, tolerance = block(8).boundary().mesh, 0.01
+    centres = skin.points[skin.cells].mean(axis=1)
+    row = np.linalg.norm(centres - [0.5, 0.5, 1.0], axis=1).argmin()
+    cell, tip = skin.cells[row], centres[row] + [0.0, 0.0, 2.0 * tolerance * skin.diagonal]
+    parts = [np.where(cell == corner, skin.n_points, cell) for corner in cell]
+    high = ads.SimplexMesh(
+        np.vstack([skin.points, tip]), np.vstack([np.delete(skin.cells, row, axis=0), parts])
+    )
+    verdict = Judge(high, Solid.of(high), None, tolerance)(block(8))
+    assert verdict.check.status == "missed"
+    assert verdict.faults == {"boundary"}
+    assert not Judge(high, None, None, tolerance)(block(8)).is_off  # nothing else would be tried
+    sphere = random_sphere(4000, 7)
+    hull = random_sphere(200, 7)
+    cells = np.column_stack([hull.cells[:, ::-1], np.full(hull.n_cells, hull.n_points)])
+    coarse = ads.SimplexMesh([*hull.points, [0.0] * 3], cells)
+    assert (coarse.signed_measures > 0.0).all()
+    verdict = Judge(sphere, Solid.of(sphere), None, tolerance)(coarse)
+    assert verdict.check.status == "missed"
+    assert not verdict.is_off
 
 
 def test_remesh_fills_and_judges_with_the_given_tolerance(monkeypatch):

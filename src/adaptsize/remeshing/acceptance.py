@@ -16,6 +16,7 @@ from adaptsize.background.interfaces import skin_of
 from adaptsize.errors import BackendError, BoundaryWarning
 from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import (
+    farthest_places,
     interface_distances,
     keeps_topology,
     overlapping_cells,
@@ -51,8 +52,9 @@ class Verdict:
     least_angle : float
         The least dihedral angle, or angle of triangles, in degrees.
     is_off : bool
-        Whether nodes of the boundary are off the given one, or a part of that is lost.  Coarse
-        sizes alone, whose edges cut corners of the boundary, do not count: no generator helps.
+        Whether nodes of the boundary are off the given one, a part of that is lost, or single
+        facets are off where a surface was filled.  Coarse sizes alone, whose edges cut corners of
+        the boundary everywhere, do not count: no generator helps.
     sizes : callable
         Returns the requirements on the sizes that are not in ``check``.  They take three times as
         long, and matter only for the rank.
@@ -164,7 +166,19 @@ def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | N
         return False
     if _farthest(skin.points, old_skin, (1.0 + NEAR) * allowed, solid=solid)[0] > 0.0:
         return True
-    return _farthest(old_skin.points, skin, tuning.FARTHEST_BOUNDARY * allowed, new)[0] > 0.0
+    if _farthest(old_skin.points, skin, tuning.FARTHEST_BOUNDARY * allowed, new)[0] > 0.0:
+        return True
+    return solid is not None and solid.is_closed and _are_few_off(skin, old_skin, allowed)
+
+
+def _are_few_off(skin: SimplexMesh, old_skin: SimplexMesh, allowed: float) -> bool:
+    """Return whether some facets are beyond the allowed distance, but few."""
+    limit = (1.0 + NEAR) * allowed
+    shares = [
+        float((farthest_places(one, other, limit).distance > limit).mean())
+        for one, other in ((skin, old_skin), (old_skin, skin))
+    ]
+    return 0.0 < max(shares) <= tuning.FEW_FACETS_OFF
 
 
 def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str) -> None:
