@@ -307,6 +307,27 @@ def test_an_excess_that_is_on_facets_is_met_by_the_next_mesh():
     assert made.mesh.n_cells == pytest.approx(1000, rel=0.04)
 
 
+@pytest.mark.parametrize(("first", "least", "meshes"), [(1.12, 0.9, 2), (1.3, 0.95, 1)])
+def test_a_mesh_for_as_few_as_the_boundary_allows_is_made_if_it_may_be_enough(first, least, meshes):
+    """Sizes cannot have fewer elements than a share of those predicted for the first mesh."""
+    generator, made = FillingGenerator(first, None, alone=None, away=[0.0] * 4), []
+
+    def nearest_sized(cap, ratio, start):
+        size = size_function(SQUARE, elements=max(1.0 / ratio, least) * 1000.0)
+        return replace(size, report=replace(size.report, n_elements=ratio * size.report.n_elements))
+
+    def of_facets(size, **_):
+        made.append(size)
+        count = 1000.0 * (first if len(made) == 1 else first * least ** (2.0 / 3.0))
+        generator.ratio = count / size.report.n_elements
+        return FillingGenerator.meshed(generator, size)
+
+    generator.nearest_sized, generator.meshed = nearest_sized, of_facets
+    found = within_cap(generator, Cap(1000.0))
+    assert len(made) == meshes
+    assert (found.excess is None) == (meshes == 2)
+
+
 def test_a_search_may_begin_with_relaxed_sizes(monkeypatch):
     tried, real = [], budget._relaxed
 

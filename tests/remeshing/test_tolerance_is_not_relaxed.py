@@ -119,7 +119,7 @@ def test_nodes_have_left_the_boundary_beyond_a_tenth_more_than_the_tolerance(fac
 
 
 def test_few_facets_off_a_filled_surface_are_a_fault_that_another_generator_may_cure():
-    """The tip of a pyramid on a box, lost by two tolerances, as all corners of a coarse box are."""
+    """A tip on a box that is lost by two tolerances is one; coarse facets of a sphere are not."""
     skin, tolerance = block(8).boundary().mesh, 0.01
     centres = skin.points[skin.cells].mean(axis=1)
     row = np.linalg.norm(centres - [0.5, 0.5, 1.0], axis=1).argmin()

@@ -337,7 +337,7 @@ class Maker:
     def nearest_sized(self, cap: Cap, ratio: float, start: float = 1.0) -> SizeFunction:
         """Return the sizes within a cap, or the nearest that are possible.
 
-        Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
+        Their predicted numbers are multiplied by a ratio, which follows from the meshes before.
         The search begins with the relaxation ``start``.
         """
         given = dict(self.for_sizes)
@@ -456,12 +456,13 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
 def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]:
     """Return a mesh with fewer elements than one that exceeds a cap, or the one with the fewest.
 
-    The latter comes with the reason.  Also returned is what was made of each predicted element
-    before the last mesh.  The sizes of each mesh are corrected by what became of those before:
-    what exceeds a prediction falls slower than it.  If routes had failed before one generator
-    alone made the first mesh, they are not tried again.
+    The latter comes with the reason.  Also returned is the factor of the numbers predicted for the
+    last mesh.  The sizes of each mesh are corrected by what became of those before: numbers that
+    exceed a prediction fall more slowly than it.  If routes had failed before one generator alone
+    made the first mesh, they are not tried again.
     """
-    best, ratio = made, (made.mesh.n_cells / report_of(made.size).n_elements) ** tuning.FALL
+    best, predicted = made, report_of(made.size).n_elements
+    ratio = (made.mesh.n_cells / predicted) ** tuning.FALL
     first = Message("the mesh has {}", cap.said_of(made.mesh))
     if made.is_off or made.is_cut_short or maker.time.is_over:
         reason = "the boundary is too far away" if made.is_off else "the time is over"
@@ -476,7 +477,9 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
         start = report_of(last.size).relaxation * cap.load(last.mesh) ** tuning.FURTHER
         size = maker.nearest_sized(cap, ratio, start)
         asked = report_of(size).n_elements
-        if asked > (1.0 - tuning.UNUSED) * best.mesh.n_cells:
+        before, predicted = predicted, asked / ratio
+        expected = last.mesh.n_cells * (predicted / before) ** (1.0 / tuning.FALL)
+        if expected > (1.0 - tuning.UNUSED) * best.mesh.n_cells:
             excess = excess or Message("{}: {}", first, what_controls(report_of(size)))
             break
         try:

@@ -135,7 +135,7 @@ def remesh(
     each run.  To fill a surface, Mmg starts from a first mesh by Netgen or fTetWild.
 
     Several routes are planned from what is known of the input.  They are tried until a mesh has no
-    fault that another generator may cure: cells that overlap, nodes that have left the boundary,
+    fault that another generator may cure: cells that overlap, nodes or few facets off the boundary,
     another topology, or dihedral angles below 2 degrees.  The best mesh is returned.  A failure of
     a generator is one attempt.
 

@@ -252,8 +252,8 @@ def _in_rounds(
     """Return a mesh brought nearer to the old surface, until it is near.
 
     ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
-    places to leave as they are.  These are where a round has spoiled cells, which is not kept.
-    A round that brings little nearer is the last one with its quality.
+    places to leave as they are.  These are where a round has spoiled cells or made facets cross,
+    which is not kept.  A round that brings little nearer is the last one with its quality.
     """
     limit = tuning.AIM * tolerance
     first = far = _Far.of(mesh, old, limit)
