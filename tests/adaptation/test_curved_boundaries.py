@@ -83,7 +83,7 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
 def refined(mesh, n_cells):
     """The same domain, with edges bisected until there are so many cells."""
     while mesh.n_cells < n_cells:
-        mesh = bisect_edges(mesh, np.ones(len(mesh.edges), np.bool_)).mesh
+        mesh = bisect_edges(mesh, mesh.edges).mesh
     return mesh
 
 
@@ -347,7 +347,7 @@ def icosahedron_in_a_box():
     points = np.vstack([corners, box])
     mesh = SimplexMesh(points, Delaunay(points).simplices)
     while (long := mesh.edge_lengths > 0.6).any():
-        mesh = bisect_edges(mesh, long).mesh
+        mesh = bisect_edges(mesh, mesh.edges[long]).mesh
     walls = ConvexHull(corners).equations
     inside = (mesh.points[mesh.cells].mean(axis=1) @ walls[:, :3].T < -walls[:, 3]).all(axis=1)
     facets, nodes = interfaces(SimplexMesh(mesh.points, mesh.cells, cell_tags=1 + inside))

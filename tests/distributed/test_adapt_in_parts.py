@@ -181,7 +181,7 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
 
 def test_curved_boundaries_are_those_of_the_first_mesh_of_the_loop():
     first = _ball()
-    later = bisect_edges(first, np.ones(len(first.edges), np.bool_)).mesh
+    later = bisect_edges(first, first.edges).mesh
     whole = bound_by_tolerance(later, 1e-3, first)
     boundary = first.boundary().mesh
 

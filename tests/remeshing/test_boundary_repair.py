@@ -47,8 +47,9 @@ def ball(n, seed):
 def with_details(mesh, seed, share=0.06):
     """The same domain with nodes close to the ends of some edges, which makes thin cells."""
     rng = np.random.default_rng(seed)
-    split = bisect_edges(mesh, rng.random(len(mesh.edges)) < share)
-    made = mesh.edges[split.split_edges]
+    chosen = mesh.edges[rng.random(len(mesh.edges)) < share]
+    split = bisect_edges(mesh, chosen)
+    made = chosen[split.split]
     points = split.mesh.points.copy()
     t = rng.uniform(0.03, 0.12, len(made))[:, None]
     points[mesh.n_points :] = (1.0 - t) * mesh.points[made[:, 0]] + t * mesh.points[made[:, 1]]
@@ -308,7 +309,7 @@ def test_collapses_that_are_allowed_change_no_topology(case):
         "ball": lambda: positive(*_random_cells(40, 61)),
         "surface": lambda: tube(5),
     }[case]()
-    follower = boundary_repair.Follower(in_space(mesh.points), in_space(mesh.points), 0.1)
+    follower = boundary_repair.Follower(*2 * [in_space(mesh.points)], 0.1, np.ones(mesh.n_points, np.bool_))
     sizes = np.ones(mesh.n_points)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
     work = new_work(len(local.points), len(local.angle))
@@ -412,7 +413,8 @@ def test_samples_on_long_given_edges_are_as_close_as_the_shortest_new_edges_ther
     cells = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     groups = Groups.of(np.zeros((len(new), 1), int), np.zeros((2, 1), int))
     for tolerance, spacing in ((1e-4, 0.01), (0.1, 0.05)):
-        found = Follower(given, points, tolerance).sampled(cells, groups, new, 0)[1].at
+        follower = Follower(given, points, tolerance, np.ones(len(points), np.bool_))
+        found = follower.sampled(cells, groups, new, 0)[1].at
         on = np.unique(found[found[:, 1] == 0.0][:, 0])
         gaps = np.diff(on)
         assert gaps[on[1:] <= 0.9].max() <= spacing
@@ -470,7 +472,7 @@ def test_sizes_are_evaluated_near_bad_cells_only(monkeypatch):
     points[at] += [0.012, 0.004]
     mesh = positive(points, Delaunay(points).simplices)
     bad = angles_of(mesh) < tuning.GOAL["plane triangles"]
-    assert 0 < bad.sum() <= tuning.FEW_BAD_CELLS
+    assert 0 < bad.sum() <= 10
     asked = []
 
     def size(x):
@@ -480,7 +482,31 @@ def test_sizes_are_evaluated_near_bad_cells_only(monkeypatch):
     new = repaired(mesh, mesh, 1e-3, size)
     assert sum(asked) < 0.2 * mesh.n_points
     assert angles_of(new).min() > angles_of(mesh).min()
-    monkeypatch.setattr(tuning, "FEW_BAD_CELLS", 0)
+    monkeypatch.setattr(tuning, "RINGS_OF_REPAIR", 100)
     same = repaired(mesh, mesh, 1e-3, size)
+    assert sum(asked) > mesh.n_points
+    np.testing.assert_array_equal(same.points, new.points)
+    np.testing.assert_array_equal(same.cells, new.cells)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_repair_with_samples_near_bad_cells_is_that_of_the_whole_mesh(seed, monkeypatch):
+    given = block(18)
+    mesh = with_details(given, seed, 2e-4)
+    bad = angles_of(mesh) < tuning.GOAL["tetrahedra"]
+    asked, of_follower = [], boundary_repair.Follower.sampled
+
+    def sampled(self, *args):
+        asked.append(len((found := of_follower(self, *args))[1].at))
+        return found
+
+    monkeypatch.setattr(boundary_repair.Follower, "sampled", sampled)
+    new = repaired(mesh, given, 0.01)
+    near, asked[:] = sum(asked), []
+    assert bad.any()
+    assert angles_of(new).min() > angles_of(mesh).min()
+    monkeypatch.setattr(tuning, "RINGS_OF_REPAIR", 100)
+    same = repaired(mesh, given, 0.01)
+    assert near < 0.9 * sum(asked)
     np.testing.assert_array_equal(same.points, new.points)
     np.testing.assert_array_equal(same.cells, new.cells)

@@ -156,7 +156,7 @@ def test_there_is_room_for_the_nodes_that_may_be_added():
     places = np.einsum("mk,nkd->nmd", weights, mesh.points[mesh.tagged_facets]).reshape(-1, 3)
     facets = np.repeat(mesh.tagged_facets, 2, axis=0).astype(np.int64)
     points = np.array(mesh.points)  # all is compiled once more for arrays that are read-only
-    follower = boundary_repair.Follower(points, points, 0.02)
+    follower = boundary_repair.Follower(points, points, 0.02, np.ones(len(points), np.bool_))
     sizes = np.full(mesh.n_points, 0.05)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
     room, free = len(local.points) - mesh.n_points, int(local.cx.n_free[0])

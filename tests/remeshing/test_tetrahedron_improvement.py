@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, Delaunay
-from shapes import block
+from shapes import block, two_region_block
 
 import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
@@ -106,7 +106,9 @@ def test_swaps_fill_the_same_space_with_better_tetrahedra(seed):
 @pytest.mark.parametrize(("height", "reached"), [(0.1, 0.1), (0.2, 0.1), (3.0, None)])
 def test_an_edge_is_divided_only_if_its_node_or_one_halfway_spoils_no_cell(height, reached):
     cell = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
-    new = with_nodes(cell, cell.edges[:1], np.array([[0.5, height, height]]))
+    there = np.array([[0.5, height, height]])
+    new, surface = with_nodes(cell, facets_of(cell), cell.edges[:1], there, 0.2)
+    assert same_facets(surface, facets_of(new))
     added = np.empty((0, 3)) if reached is None else [[0.5, reached, reached]]
     np.testing.assert_allclose(new.points[4:], added, atol=1e-15)
     assert volume_length(new.points, new.cells).min() > 0.2
@@ -147,6 +149,33 @@ def test_nodes_are_put_back_if_they_are_off_by_more_than_half_of_the_tolerance()
     np.testing.assert_allclose(new.points[nodes, 2], 1.0 + left * tolerance, atol=1e-12)
 
 
+def same_facets(one, other):
+    """Whether the facets are the same, in any order, with the same groups."""
+    rows = [np.column_stack([np.sort(x.cells, axis=1), x.cell_tags]) for x in (one, other)]
+    return np.array_equal(*(x[np.lexsort(x.T)] for x in rows)) and np.array_equal(one.points, other.points)
+
+
+def with_meshes(old, limit, found):
+    """What rounds call: the next step has the mesh that ``found`` returns."""
+
+    def made(now, least, spoiled):
+        mesh = found(now, least, spoiled)
+        return now if mesh is now.mesh else now.with_mesh(mesh, facets_of(mesh), old, limit)
+
+    return made
+
+
+def test_facets_are_divided_with_their_cells():
+    mesh = two_region_block(3)
+    surface = facets_of(mesh)
+    for _ in range(4):
+        on_surface = surface.edges[::5]
+        there = mesh.points[on_surface].swapaxes(1, 2) @ [0.45, 0.55]
+        mesh, surface = with_nodes(mesh, surface, on_surface, there, 0.05)
+        assert same_facets(surface, facets_of(mesh))
+    assert surface.n_cells > 1.5 * facets_of(two_region_block(3)).n_cells
+
+
 def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     flat = block(8)
     skin = flat.boundary()
@@ -161,12 +190,12 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     def run(*rounds):
         asked.clear()
 
-        def made(mesh, far, least, spoiled):
-            assert far.surface.n_cells == mesh.boundary().mesh.n_cells
+        def made(now, least, spoiled):
+            assert now.far.surface.n_cells == now.mesh.boundary().mesh.n_cells
             asked.append((least, len(spoiled.radii)))
             return rounds[min(len(asked), len(rounds)) - 1]
 
-        return in_rounds(flat, old, 0.02, made)
+        return in_rounds(flat, old, 0.02, with_meshes(old, 0.018, made))
 
     assert run(high) is high  # near at once
     assert asked == [(0.2, 0)]
@@ -210,7 +239,8 @@ def test_rounds_end_where_the_first_one_leaves_a_place_far_away(
     old = high.boundary().mesh
     calls = []
     give_up = partial(calls.append, True) if gives_up else None
-    new = in_rounds(flat, old, tolerance, lambda *_: next(made), give_up)
+    rounds = with_meshes(old, 0.9 * tolerance, lambda *_: next(made))
+    new = in_rounds(flat, old, tolerance, rounds, give_up)
     assert new is (after_first if is_final else high)
     assert calls == ([True] if is_final and gives_up else [])
 
@@ -221,10 +251,9 @@ def test_distances_after_changes_are_those_of_the_whole_mesh():
     points = flat.points.copy()
     points += 0.03 * rng.uniform(-1.0, 1.0, points.shape)
     mesh, old = flat.moved(points), flat.boundary().mesh
-    far = Far.of(mesh, old, 0.01)
+    far = Far.of(mesh.boundary().mesh, old, 0.01)
     points[::9] += 0.03 * rng.uniform(-1.0, 1.0, points[::9].shape)
-    order = rng.permutation(mesh.n_cells)
-    changed = ads.SimplexMesh(points, mesh.cells[order])
+    changed = ads.SimplexMesh(points, mesh.cells[rng.permutation(mesh.n_cells)]).boundary().mesh
     assert (points != mesh.points).any()
     found, whole = far.after(changed, old, 0.01), Far.of(changed, old, 0.01)
     np.testing.assert_array_equal(found.surface.cells, whole.surface.cells)

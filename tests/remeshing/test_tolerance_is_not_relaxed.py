@@ -54,7 +54,13 @@ def test_rounds_go_on_while_a_place_is_beyond_the_tolerance(share, goes_on):
     points[node, 2] += height
     risen = flat.moved(points)
     made = iter([flat, risen])
-    new = in_rounds(flat, risen.boundary().mesh, height / share, lambda *_: next(made))
+    tolerance, old = height / share, risen.boundary().mesh
+
+    def step(now, *_):
+        mesh = next(made)
+        return now.with_mesh(mesh, mesh.boundary().mesh, old, 0.9 * tolerance)
+
+    new = in_rounds(flat, old, tolerance, step)
     assert new is (risen if goes_on else flat)
 
 

@@ -96,7 +96,7 @@ def _halved(mesh: SimplexMesh) -> SimplexMesh:
     """Return a mesh with at least twice as many cells."""
     n_cells = mesh.n_cells
     while mesh.n_cells < 2 * n_cells:
-        mesh = bisect_edges(mesh, np.ones(len(mesh.edges), np.bool_)).mesh
+        mesh = bisect_edges(mesh, mesh.edges).mesh
     return mesh
 
 
@@ -116,6 +116,6 @@ def _without_bridges(mesh: SimplexMesh, request: CycleRequest) -> SimplexMesh:
                 inside[own[own >= 0]] = False
         if not inside.any():
             break
-        mesh = bisect_edges(mesh, inside).mesh
+        mesh = bisect_edges(mesh, mesh.edges[inside]).mesh
         bounded = np.append(bounded, np.zeros(mesh.n_points - len(bounded), np.bool_))
     return mesh

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize.background._mesh_arrays import lengths
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among, ascending, rows_among
+from adaptsize.background.topology import are_among, ascending, marked, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Cases of triangles with two new nodes, by how the trapezium is cut.
@@ -97,7 +98,7 @@ def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
         parts += [np.take_along_axis(nodes[rows], piece, 1) for piece in pieces.swapaxes(0, 1)]
         owners += [rows] * pieces.shape[1]
     owner = np.concatenate(owners)
-    new = _split(mesh, points, np.concatenate(parts), owner, middle)
+    new = _split(mesh, points, np.concatenate(parts), owner, mesh.edges, middle)
     return SplitMesh(new, where, inside, owner)
 
 
@@ -123,7 +124,7 @@ def halve_tetrahedra(mesh: SimplexMesh) -> SimplexMesh:
     >>> halve_tetrahedra(mesh).n_cells
     8
     """
-    n, middle = mesh.n_points, _edge_numbers(mesh, mesh.cells) + mesh.n_points
+    n, middle = mesh.n_points, _edge_numbers(mesh.edges, mesh.cells) + mesh.n_points
     points = np.concatenate([mesh.points, mesh.points[mesh.edges].mean(axis=1)])
     parts = []
     for corner in range(4):
@@ -141,7 +142,7 @@ def halve_tetrahedra(mesh: SimplexMesh) -> SimplexMesh:
     facets, tags = mesh.tagged_facets, mesh.facet_tags
     if facets is not None and tags is not None:
         # Facets that the mesh does not have stay as they are.
-        number = _edge_numbers(mesh, facets)[:, [2, 1, 0]]
+        number = _edge_numbers(mesh.edges, facets)[:, [2, 1, 0]]
         known = (number >= 0).all(axis=1)
         six = np.hstack([facets[known], number[known] + n])
         facets = np.concatenate([facets[~known], *(six[:, piece] for piece in _PIECES[3])])
@@ -154,17 +155,21 @@ def halve_tetrahedra(mesh: SimplexMesh) -> SimplexMesh:
 
 
 def _split(
-    mesh: SimplexMesh, points: FloatArray, cells: IntArray, owner: IndexArray, middle: IntArray
+    mesh: SimplexMesh,
+    points: FloatArray,
+    cells: IntArray,
+    owner: IndexArray,
+    edges: IntArray,
+    middle: IntArray,
 ) -> SimplexMesh:
     """Return a mesh of new cells with the tags of the old ones.
 
-    ``owner``: the old cell of each new one; ``middle``: the new node of each edge, -1 where it is
-    not split.
+    ``owner``: the old cell of each new one; ``middle``: the new node of each of ``edges``, -1 where
+    it is not split, as all other edges.
     """
     facets, tags = mesh.tagged_facets, mesh.facet_tags
     if facets is not None and tags is not None:
-        # Edges that the mesh does not have get -1, too.
-        middles = np.append(middle, np.int32(-1))[_edge_numbers(mesh, facets)]
+        middles = np.append(middle, np.int32(-1))[_edge_numbers(edges, facets)]
         facets, of_facet = _bisected(facets, middles)
         tags = tags[of_facet]
     return SimplexMesh(
@@ -189,49 +194,72 @@ def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> tuple[IntAr
     return np.concatenate([edges[whole], *halves]), np.concatenate([whole, row[cut], row[cut]])
 
 
-def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
-    """Return cells of any kind, those at some of the chosen edges divided into two.
-
-    Of the chosen edges, those are split that are longest in all of their cells, so that no cell is
-    divided twice.  Chosen edges that remain can be split by further calls.
+class BisectedMesh(NamedTuple):
+    """A mesh in which no cell was divided into more than two.
 
     Parameters
     ----------
     mesh : SimplexMesh
-    chosen : bool[n_edges]
-        One entry per edge of ``mesh.edges``.
+        The old nodes, then one per split edge; with tags, no data.
+    split : IndexArray
+        New node k lies in the middle of row ``split[k]`` of the chosen edges.
+    parents : IndexArray
+        The cell of the old mesh of which each cell is a part.
+    """
+
+    mesh: SimplexMesh
+    split: IndexArray
+    parents: IndexArray
+
+
+def bisect_edges(mesh: SimplexMesh, edges: IntArray) -> BisectedMesh:
+    """Return cells of any kind, those at some of the chosen edges divided into two.
+
+    Of the chosen edges, those are split that are longest in all of their cells, so that no cell is
+    divided twice.  Chosen edges that remain can be split by further calls.  If they are few, this
+    takes much less time than the edges of the mesh.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    edges : int32[n, 2]
+        Edges of the mesh, in any order, each once.
 
     Returns
     -------
-    SplitMesh
-        Tags of cells and facets are kept.  No nodes are added inside cells.
+    BisectedMesh
+        Tags of cells and facets are kept.  The new nodes are in the order of ``mesh.edges``.
 
     Examples
     --------
     >>> mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
-    >>> bisect_edges(mesh, mesh.edges[:, 0] == 0).mesh.cells.tolist()
+    >>> bisect_edges(mesh, mesh.edges[:3]).mesh.cells.tolist()
     [[4, 1, 2, 3], [0, 4, 2, 3]]
     """
-    number = _edge_numbers(mesh, mesh.cells)
-    rank = np.full(len(mesh.edges), -1)
-    rank[np.argsort(-mesh.edge_lengths, kind="stable")] = np.arange(len(mesh.edges))[::-1]
-    rank[~chosen] = -1
-    highest = np.full(len(mesh.edges), -1)
-    np.maximum.at(highest, number, rank[number].max(axis=1)[:, None])
-    where = np.flatnonzero(chosen & (highest == rank))
-    middle = np.full(len(mesh.edges), -1, np.int32)
+    rows = ascending(edges)
+    order = np.lexsort(rows.T[::-1])
+    rows, n = rows[order], len(rows)
+    rank = np.empty(n, np.intp)
+    rank[np.argsort(-lengths(mesh.points, rows), kind="stable")] = np.arange(n)[::-1]
+    near = np.flatnonzero(marked(rows, mesh.n_points)[mesh.cells].sum(axis=1) > 1)
+    number = _edge_numbers(rows, mesh.cells[near])
+    highest = np.full(n + 1, -1)  # the last one is that of the edges that are not chosen
+    np.maximum.at(highest, number, np.append(rank, -1)[number].max(axis=1)[:, None])
+    where = np.flatnonzero(highest[:-1] == rank)
+    middle = np.full(n, -1, np.int32)
     middle[where] = mesh.n_points + np.arange(len(where), dtype=np.int32)
-    cells, owner = _bisected(mesh.cells, middle[number])
-    points = np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)])
-    new = _split(mesh, points, cells, owner, middle)
-    return SplitMesh(new, where, np.empty(0, np.intp), owner)
+    middles = np.full((mesh.n_cells, number.shape[1]), -1, np.int32)
+    middles[near] = np.append(middle, np.int32(-1))[number]
+    cells, owner = _bisected(mesh.cells, middles)
+    points = np.concatenate([mesh.points, mesh.points[rows[where]].mean(axis=1)])
+    return BisectedMesh(_split(mesh, points, cells, owner, rows, middle), order[where], owner)
 
 
-def _edge_numbers(mesh: SimplexMesh, simplices: IntArray) -> IndexArray:
-    """Return the row in ``mesh.edges`` of each edge of each simplex, in order of `combinations`."""
+def _edge_numbers(edges: IntArray, simplices: IntArray) -> IndexArray:
+    """Return the row of each edge of each simplex, in order of `combinations`; -1 for none."""
     pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
     ends = ascending(simplices[:, pairs].reshape(-1, 2))
-    return rows_among(ends, mesh.edges).reshape(len(simplices), len(pairs))
+    return rows_among(ends, edges).reshape(len(simplices), len(pairs))
 
 
 def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArray]:
@@ -239,11 +267,11 @@ def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArr
 
     ``middle``: the new node on each edge of each simplex, -1 where it is not split.
     """
-    cut = np.flatnonzero((middle >= 0).any(axis=1))
+    is_cut = (middle >= 0).any(axis=1)
+    cut, whole = np.flatnonzero(is_cut), np.flatnonzero(~is_cut)
     rows, edge = np.arange(len(cut)), (middle[cut] >= 0).argmax(axis=1)
     pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
     halves = [simplices[cut], simplices[cut]]
     for half, end in zip(halves, pairs[edge].T, strict=True):
         half[rows, end] = middle[cut, edge]
-    whole = np.setdiff1d(np.arange(len(simplices)), cut)
     return np.concatenate([simplices[whole], *halves]), np.concatenate([whole, cut, cut])

@@ -218,13 +218,14 @@ class Solid:
         """The boundary of the solid and the nodes of the surface at its nodes, -1 at new ones."""
         parts = self._parts
         if not (self.is_divided and self.is_closed):
+            parts = _merged(parts)
             return parts, np.full(parts.n_points, -1, np.int32)
         mesh, nodes = _conforming(parts, self.surface.points)
         volume = abs(float(cone_measures(mesh, mesh.points.mean(axis=0)).sum()))
         most = _SAME * mesh.diagonal * float(mesh.measures.sum())
         if is_cycle(mesh) and abs(volume - self.volume) <= most:
             return mesh, nodes
-        parts = self._without_cracks(parts)
+        parts = _merged(self._without_cracks(parts))
         return parts, np.full(parts.n_points, -1, np.int32)
 
     def _without_cracks(self, parts: SimplexMesh) -> SimplexMesh:
@@ -248,7 +249,7 @@ class Solid:
 
         It consists of facets of the surface.  Those that others divide are triangulated anew, with
         nodes where facets meet.  If the parts do not fit together, because too many facets meet
-        within rounding, nodes of the parts do not match, and the skin is not closed.
+        within rounding, some nodes of the parts do not match, and the skin is not closed.
         Of a surface with holes, it consists of the facets where the winding number crosses one
         half.
         """
@@ -285,6 +286,13 @@ class Solid:
             turned = self._rows[np.unique(sides.owner[sides.is_inward])]
             cells[turned, :2] = cells[turned, 1::-1]
         return cells
+
+
+def _merged(parts: SimplexMesh) -> SimplexMesh:
+    """Return triangles with common nodes at the same places, so that they share edges."""
+    target = first_at_place(parts.points, MERGE_SHARE * parts.diagonal)
+    cells = merged_cells(parts.cells, target)
+    return cut_out(parts.points, cells, cell_tags=parts.cell_tags, tag_names=parts.tag_names)[0]
 
 
 def _conforming(parts: SimplexMesh, known: FloatArray) -> tuple[SimplexMesh, IntArray]:

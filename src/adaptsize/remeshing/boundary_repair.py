@@ -45,10 +45,9 @@ from adaptsize._kernels.local_mesh import (
     new_work,
 )
 from adaptsize.background import SimplexMesh
-from adaptsize.background._mesh_arrays import centroids
 from adaptsize.background.location import in_space
 from adaptsize.background.simplex import cut_out
-from adaptsize.background.topology import places_among
+from adaptsize.background.topology import any_of, marked, places_among
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.following import Follower, Groups, samples_of_parts
 from adaptsize.remeshing.protocol import NO_TAG
@@ -116,10 +115,9 @@ def repaired(
         return mesh
     if size is None:
         sizes = _lengths_around(mesh)
-    elif wanted is None:
-        sizes = _sizes_near(mesh, angles < goal, size)
-    else:
-        sizes = size(mesh.points)
+    else:  # where there are none, no edge gets longer
+        sizes, near = np.zeros(mesh.n_points), _nodes_near(mesh, angles < goal, wanted)
+        sizes[near] = size(mesh.points[near])
     new = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
     if kind in tuning.LAST_GOAL and (angles_of(new.mesh) < tuning.LAST_GOAL[kind]).any():
         goal = tuning.LAST_GOAL[kind]
@@ -162,19 +160,14 @@ def _lengths_around(mesh: SimplexMesh) -> FloatArray:
     return np.maximum(mean, wider)
 
 
-def _sizes_near(mesh: SimplexMesh, bad: BoolArray, size: Size) -> FloatArray:
-    """Return the sizes at the nodes near some cells, 0 elsewhere: there, no edge gets longer."""
-    cells = mesh.cells[bad]
-    if len(cells) > tuning.FEW_BAD_CELLS:
-        return size(mesh.points)
-    near, middles = np.zeros(mesh.n_points, np.bool_), centroids(mesh.points, cells)
-    for middle, at_middle, corners in zip(middles, size(middles), cells, strict=True):
-        away2 = np.square(mesh.points - middle).sum(axis=1)
-        reach2 = tuning.REACH_OF_REPAIR**2 * max(at_middle**2, away2[corners].max())
-        near |= away2 <= reach2
-    sizes = np.zeros(mesh.n_points)
-    sizes[near] = size(mesh.points[near])
-    return sizes
+def _nodes_near(mesh: SimplexMesh, bad: BoolArray, wanted: Wanted | None) -> BoolArray:
+    """Return the nodes around cells to improve, and around facets in which nodes are wanted."""
+    near = marked(mesh.cells[bad], mesh.n_points)
+    if wanted is not None:
+        near[wanted.facets] = True
+    for _ in range(tuning.RINGS_OF_REPAIR):
+        near = marked(mesh.cells[any_of(near, mesh.cells)], mesh.n_points)
+    return near
 
 
 class _Changed(NamedTuple):
@@ -204,7 +197,8 @@ def _improved(
 ) -> _Changed:
     """Return the mesh after local operations."""
     points, scale = _in_range(mesh)
-    follower = Follower(in_space(given.points * scale), points, tolerance * scale)
+    near = _nodes_near(mesh, angles_of(mesh) < goal, wanted)
+    follower = Follower(in_space(given.points * scale), points, tolerance * scale, near)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
     counts = np.zeros(LIFT + 1, np.int64)
     work = new_work(len(local.points), len(local.angle))

@@ -4,14 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples
 from adaptsize._kernels.trees import new_stack
 from adaptsize.background._curve import tree_over
+from adaptsize.background.topology import any_of
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.skins import numbers_of
-from adaptsize.typing import FloatArray, IndexArray, IntArray, LongArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 
 class Groups(NamedTuple):
@@ -57,37 +59,71 @@ class Sampled(NamedTuple):
     off2: FloatArray
 
 
+class _Around(NamedTuple):
+    """What is around simplices: within ``reach`` of one of their centroids."""
+
+    tree: cKDTree
+    reach: float
+
+    @classmethod
+    def of(cls, corners: FloatArray, tolerance: float) -> "_Around":
+        """Return what is nearest to simplices, if not farther than what is lost for good."""
+        middles = corners.mean(axis=1)
+        radius = float(np.linalg.norm(corners - middles[:, None], axis=2).max())
+        return cls(cKDTree(middles), radius + tuning.LOST_FOR_GOOD * tolerance)
+
+    def have(self, points: FloatArray, radius: FloatArray | float = 0.0) -> BoolArray:
+        """Return which balls around points reach there."""
+        return np.asarray(self.tree.query(points)[0] <= self.reach + radius)
+
+
 class Follower(NamedTuple):
-    """Makes new simplices follow given ones."""
+    """Makes new simplices follow given ones.
+
+    Parameters
+    ----------
+    given_points : float64[n, 3]
+    points : float64[m, 3]
+    tolerance : float
+    near : bool[m]
+        The nodes of new simplices that may be changed.  Others have no samples.
+    """
 
     given_points: FloatArray
     points: FloatArray
     tolerance: float
+    near: BoolArray
 
     def sampled(
         self, given: IntArray, groups: Groups, new: IntArray, first: int
     ) -> tuple[Given, Sampled]:
         """Return given simplices in a tree, and samples for new ones, from a first row on."""
         k, given_points = new.shape[1], self.given_points
-        if len(given) == 0 or len(new) == 0:  # no operation will look at it
+        rows = np.flatnonzero(any_of(self.near, new))
+        if len(given) == 0 or len(rows) == 0:  # no operation will look at it
             given_points, given = np.zeros((k, 3)), np.arange(k, dtype=np.int32)[None]
             none = Sampled(np.empty((0, 5)), np.empty(0, np.int64), first, np.zeros(len(new)))
             return _tree_of(given_points, given, np.zeros(1, np.int32))[0], none
         tree, _ = _tree_of(given_points, given, groups.given)
-        queries, wanted, of_new = _samples_of(self.points, new, groups.new)
+        queries, wanted, of_new = _samples_of(self.points, new[rows], groups.new[rows])
         row, away2, feet = _nearest(tree, queries, wanted)
         label = np.where(np.isin(groups.given, groups.new), groups.given, -1).astype(np.int32)
+        around = _Around.of(self.points[new[rows]], self.tolerance)
         places, labels, _ = _samples_of(given_points, given, label)
-        places, labels = np.concatenate([places, feet]), np.append(labels, wanted)
+        is_near = around.have(places)
+        places = np.concatenate([places[is_near], feet])
+        labels = np.append(labels[is_near], wanted)
         own, own_order = _tree_of(self.points, new, groups.new)
-        more, more_labels = _along_edges(given_points, given, label, own, self.tolerance)
+        more, more_labels = _along_edges(given_points, given, label, own, self.tolerance, around)
         places, labels = np.concatenate([places, more]), np.append(labels, more_labels)
         found, distance2, _ = _nearest(own, places, labels)
         reach2 = np.maximum(distance2, self.tolerance**2) * (1.0 + 1e-9)
         at = np.column_stack([places, np.maximum(labels, -1), reach2])
         if k == 3:
-            tree.about[:, 1:] = _compared_normals(tree, self.points[new], row[-len(new) :])
-        off2 = away2[of_new].max(axis=1)
+            corners = self.points[new[rows]]
+            tree.about[:, 1:] = _compared_normals(tree, corners, row[-len(rows) :])
+        off2 = np.zeros(len(new))
+        off2[rows] = away2[of_new].max(axis=1)
         return tree, Sampled(at, first + own_order[found], first, off2)
 
 
@@ -138,7 +174,12 @@ def _samples_of(
 
 
 def _along_edges(
-    points: FloatArray, cells: IntArray, label: IntArray, own: Given, tolerance: float
+    points: FloatArray,
+    cells: IntArray,
+    label: IntArray,
+    own: Given,
+    tolerance: float,
+    around: _Around,
 ) -> tuple[FloatArray, IntArray]:
     """Return samples on long edges of given simplices, and their labels.
 
@@ -155,6 +196,8 @@ def _along_edges(
     own : Given
         The new simplices in a tree.
     tolerance : float
+    around : _Around
+        Where samples are wanted.
 
     Returns
     -------
@@ -173,14 +216,17 @@ def _along_edges(
     size = np.maximum(size, tolerance)
     places, labels = [np.empty((0, 3))], [np.empty(0, np.int32)]
     for _ in range(tuning.MOST_HALVINGS):
+        is_near = around.have(0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=1))
+        start, end, label = (x[is_near] for x in (start, end, label))
         middle = 0.5 * (start + end)
         row = _nearest(own, middle, label)[0]
         is_long = np.linalg.norm(end - start, axis=1) > tuning.SPACING_ON_EDGE * size[row]
         if not is_long.any():
             break
         start, middle, end, label = (x[is_long] for x in (start, middle, end, label))
-        places.append(middle)
-        labels.append(label)
+        is_near = around.have(middle)
+        places.append(middle[is_near])
+        labels.append(label[is_near])
         start, end = np.concatenate([start, middle]), np.concatenate([middle, end])
         label = np.tile(label, 2)
     return np.concatenate(places), np.concatenate(labels)

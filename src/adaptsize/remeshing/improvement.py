@@ -9,6 +9,7 @@ meshes.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import move_nodes, take_back, worst_of_nodes
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Of coordinates and of corners, in the keys of facets.  No sum of products of these with whole
 #: numbers is zero, so that facets of regular grids have keys of their own.
@@ -80,15 +81,16 @@ def improved(
             mesh = mesh.moved(points)
     mesh = _along_borders(mesh, lines.borders, tuning.AIM * tolerance)
 
-    def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
+    def made(now: _Step, least: float, spoiled: _Balls) -> _Step:
         limit = tuning.AIM * tolerance
-        best = _divided(mesh, old, far, tolerance, lines, least, spoiled)
+        best = _divided(now, old, tolerance, lines, least, spoiled)
         wanted = None
         if least < tuning.LEAST_QUALITY:
             wanted = _targets(best.far, old, limit, spoiled).wanted(best.far, least)
-            if best.mesh is mesh and not len(wanted.places):
-                return mesh
-        return repaired(best.mesh, given, limit, size, wanted)
+            if best.mesh is now.mesh and not len(wanted.places):
+                return now
+        mesh = repaired(best.mesh, given, limit, size, wanted)
+        return best if mesh is best.mesh else best.with_mesh(mesh, facets_of(mesh), old, limit)
 
     return _in_rounds(mesh, old, tolerance, made, give_up)
 
@@ -138,27 +140,20 @@ class _Far(NamedTuple):
     What is nearer than the limit has been looked at no further.
     """
 
-    cells: IntArray
     surface: SimplexMesh
     keys: FloatArray
     new: FarPlaces
     lost: FarPlaces
 
     @classmethod
-    def of(cls, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
-        """Return the places of a mesh."""
-        surface = facets_of(mesh)
+    def of(cls, surface: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
+        """Return the places of a surface."""
         new, lost = farthest_places(surface, old, limit), farthest_places(old, surface, limit)
-        return cls(mesh.cells, surface, _keys_of(surface), new, lost)
+        return cls(surface, _keys_of(surface), new, lost)
 
-    def after(self, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
-        """Return those of a mesh that was changed in some places."""
-        before = self.surface
-        if mesh.points is before.points and mesh.cells is self.cells:
-            return self
-        are_moved = np.array_equal(mesh.cells, self.cells) and mesh.n_points == before.n_points
-        surface = before.moved(mesh.points) if are_moved else facets_of(mesh)
-        keys = _keys_of(surface)
+    def after(self, surface: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
+        """Return those of a surface that was changed in some places."""
+        before, keys = self.surface, _keys_of(surface)
         order = np.argsort(self.keys)
         place = np.minimum(np.searchsorted(self.keys, keys, sorter=order), len(order) - 1)
         row = order[place]
@@ -175,7 +170,7 @@ class _Far(NamedTuple):
             if part is not None:
                 for values, now in zip(found, farthest_places(part, other, limit), strict=True):
                     values[rows] = now
-        return _Far(mesh.cells, surface, keys, new, lost)
+        return _Far(surface, keys, new, lost)
 
     @property
     def largest(self) -> float:
@@ -242,58 +237,6 @@ class _Targets(NamedTuple):
         return np.asarray(was - now)
 
 
-def _in_rounds(
-    mesh: SimplexMesh,
-    old: SimplexMesh,
-    tolerance: float,
-    made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
-    give_up: Callable[[], object] | None = None,
-) -> SimplexMesh:
-    """Return a mesh brought nearer to the old surface, until it is near.
-
-    ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
-    places to leave as they are.  These are where a round has spoiled cells or made facets cross,
-    which is not kept.  A round that brings little nearer is the last one with its quality.
-    """
-    limit = tuning.AIM * tolerance
-    first = far = _Far.of(mesh, old, limit)
-    best = made(mesh, far, tuning.LEAST_QUALITY, spoiled := _Balls.none(mesh.dim))
-    far = far.after(best, old, limit)
-    later = list(tuning.LATER_QUALITIES)
-    hopeless = max(tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.largest)
-    if far.largest > hopeless and far.are_few(tolerance):
-        if give_up is not None:
-            give_up()
-            return best
-        if far.largest > tuning.LOST_FOR_GOOD * tolerance:
-            return best
-    are_crossed = mesh.dim == 3 and len(crossing_facets(far.surface).cells) > 0
-    for _ in range(tuning.MOST_LATER_ROUNDS):
-        # Many are far where the sizes are coarse: nothing is divided there.
-        if not later or not far.are_few(tolerance):
-            break
-        mesh = made(best, far, later[0], spoiled)
-        if mesh is best:
-            del later[0]
-            continue
-        least = tuning.LITTLE_FLATTER * float(minimum_angles(best).min())
-        flat = minimum_angles(mesh) < min(tuning.FLAT_ANGLE, least)
-        now = far.after(mesh, old, limit)
-        crossed = np.zeros(now.surface.n_cells, np.bool_)
-        if mesh.dim == 3 and not are_crossed:
-            crossed[crossing_facets(now.surface).cells] = True
-        if flat.any() or crossed.any():
-            spoiled = spoiled.and_also(_Balls.around(mesh, flat))
-            spoiled = spoiled.and_also(_Balls.around(now.surface, crossed))
-            continue
-        share = now.beyond(tolerance) / far.beyond(tolerance)
-        if share < 1.0:
-            best, far = mesh, now
-        if share > tuning.LITTLE_NEARER:
-            del later[0]
-    return best
-
-
 class _Step(NamedTuple):
     """A changed mesh, what is far of it, and by how much less that is around each target.
 
@@ -304,11 +247,70 @@ class _Step(NamedTuple):
     far: _Far
     gain: FloatArray
 
+    @classmethod
+    def first(cls, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Step":
+        """Return a mesh before any step."""
+        return cls(mesh, _Far.of(facets_of(mesh), old, limit), np.empty(0))
 
-def _divided(
+    def with_mesh(
+        self, mesh: SimplexMesh, surface: SimplexMesh, old: SimplexMesh, limit: float
+    ) -> "_Step":
+        """Return the same with a mesh that was changed in some places, and its facets."""
+        return self._replace(mesh=mesh, far=self.far.after(surface, old, limit))
+
+
+def _in_rounds(
     mesh: SimplexMesh,
     old: SimplexMesh,
-    far: _Far,
+    tolerance: float,
+    made: Callable[[_Step, float, _Balls], _Step],
+    give_up: Callable[[], object] | None = None,
+) -> SimplexMesh:
+    """Return a mesh brought nearer to the old surface, until it is near.
+
+    ``made`` returns a better mesh for a mesh, a least quality of new cells, and places to leave as
+    they are.  These are where a round has spoiled cells or made facets cross, which is not kept.  A
+    round that brings little nearer is the last one with its quality.
+    """
+    first = _Step.first(mesh, old, tuning.AIM * tolerance)
+    best = made(first, tuning.LEAST_QUALITY, spoiled := _Balls.none(mesh.dim))
+    later = list(tuning.LATER_QUALITIES)
+    hopeless = max(tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.far.largest)
+    if best.far.largest > hopeless and best.far.are_few(tolerance):
+        if give_up is not None:
+            give_up()
+            return best.mesh
+        if best.far.largest > tuning.LOST_FOR_GOOD * tolerance:
+            return best.mesh
+    are_crossed = mesh.dim == 3 and len(crossing_facets(best.far.surface).cells) > 0
+    for _ in range(tuning.MOST_LATER_ROUNDS):
+        # Many are far where the sizes are coarse: nothing is divided there.
+        if not later or not best.far.are_few(tolerance):
+            break
+        now = made(best, later[0], spoiled)
+        if now.mesh is best.mesh:
+            del later[0]
+            continue
+        least = tuning.LITTLE_FLATTER * float(minimum_angles(best.mesh).min())
+        flat = minimum_angles(now.mesh) < min(tuning.FLAT_ANGLE, least)
+        crossed = np.zeros(now.far.surface.n_cells, np.bool_)
+        if mesh.dim == 3 and not are_crossed:
+            crossed[crossing_facets(now.far.surface).cells] = True
+        if flat.any() or crossed.any():
+            spoiled = spoiled.and_also(_Balls.around(now.mesh, flat))
+            spoiled = spoiled.and_also(_Balls.around(now.far.surface, crossed))
+            continue
+        share = now.far.beyond(tolerance) / best.far.beyond(tolerance)
+        if share < 1.0:
+            best = now
+        if share > tuning.LITTLE_NEARER:
+            del later[0]
+    return best.mesh
+
+
+def _divided(
+    now: _Step,
+    old: SimplexMesh,
     tolerance: float,
     lines: _Lines,
     least: float,
@@ -320,8 +322,7 @@ def _divided(
     that these miss; nodes are moved there.  ``least`` is the least quality of cells.  A step may
     bring the mesh farther away: where facets meet at an edge, one node alone may do so.
     """
-    limit, waited = tuning.AIM * tolerance, 0
-    best = now = _Step(mesh, far, np.empty(0))
+    limit, waited, best = tuning.AIM * tolerance, 0, now
     for _ in range(tuning.STEPS_BEFORE_REPAIR):
         if waited > tuning.STEPS_IN_VAIN or not now.far.are_few(tolerance):
             break
@@ -344,10 +345,12 @@ def _steps(
     targets: _Targets,
 ) -> list[_Step]:
     """Return the meshes with all targets served in one way, and each in the way best for it."""
-    tried = [
-        _step(now, old, limit, lines, least, targets.served_by(shares))
-        for shares in tuning.WEIGHTS_OF_CORNERS
-    ]
+    surface = now.far.surface
+    is_straight = np.zeros(len(surface.edges), np.bool_)
+    if surface.cell_dim == 2:
+        is_straight = lines.straight.are_parts(surface)
+    take = partial(_step, now, old, limit, lines.borders, is_straight, least)
+    tried = [take(targets.served_by(shares)) for shares in tuning.WEIGHTS_OF_CORNERS]
     gains = np.array([one.gain for one in tried])
     way, gain = gains.argmax(axis=0), gains.max(axis=0, initial=-np.inf)
     order = np.argsort(-gain, kind="stable")
@@ -355,7 +358,7 @@ def _steps(
     is_new = not any((one[np.isfinite(one)] > 0.0).all() for one in gains[np.unique(way[order])])
     if len(order) and is_new:
         mixed = targets.served_by(np.array(tuning.WEIGHTS_OF_CORNERS)[way]).some(order)
-        tried.append(_step(now, old, limit, lines, least, mixed))
+        tried.append(take(mixed))
     return [step for step in tried if step.mesh is not now.mesh]
 
 
@@ -363,16 +366,21 @@ def _step(
     now: _Step,
     old: SimplexMesh,
     limit: float,
-    lines: _Lines,
+    borders: Borders,
+    is_straight: BoolArray,
     least: float,
     targets: _Targets,
 ) -> _Step:
-    """Return the mesh with targets served; the same one if none can be."""
-    mesh, served = _with_targets(now.mesh, now.far.surface, targets, lines, least)
+    """Return the mesh with targets served; the same one if none can be.
+
+    ``is_straight``: which edges of its facets are not divided.
+    """
+    mesh, surface, served = _with_targets(now, targets, borders, is_straight, least)
     if mesh is now.mesh:
         return now._replace(gain=np.full(len(served), -np.inf))
-    far = now.far.after(mesh, old, limit)
-    return _Step(mesh, far, np.where(served, targets.nearer(now.far, far, limit), -np.inf))
+    step = now.with_mesh(mesh, surface, old, limit)
+    nearer = targets.nearer(now.far, step.far, limit)
+    return step._replace(gain=np.where(served, nearer, -np.inf))
 
 
 def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Targets:
@@ -405,23 +413,20 @@ def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _with_targets(
-    mesh: SimplexMesh,
-    surface: SimplexMesh,
-    targets: _Targets,
-    lines: _Lines,
-    least: float,
-) -> tuple[SimplexMesh, BoolArray]:
-    """Return the mesh with nodes at targets, or halfway, and for which it has these.
+    now: _Step, targets: _Targets, borders: Borders, is_straight: BoolArray, least: float
+) -> tuple[SimplexMesh, SimplexMesh, BoolArray]:
+    """Return the mesh with nodes at targets, or halfway; its facets; and for which it has these.
 
     Nodes are moved, or edges divided.  Of targets side by side, the first is served.
     """
+    mesh, surface = now.mesh, now.far.surface
     there, cells, weights, shares = targets
     is_corner = weights.max(axis=1) > shares[:, 0]
     nodes = surface.cells[cells, weights.argmax(axis=1)]
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
-        edges = _edges_at(surface, targets, lines.straight.are_parts(surface))
-    there, may = lines.borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
+        edges = _edges_at(surface, targets, is_straight)
+    there, may = borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
     is_taken, served = np.zeros(mesh.n_points, np.bool_), np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
@@ -435,7 +440,8 @@ def _with_targets(
     move_nodes(points, mesh.cells, nodes[moved], there[moved], least)
     if moved.any():
         mesh = mesh.moved(points)
-    return _with_nodes(mesh, edges[divided], there[divided], least), served
+        surface = surface.moved(mesh.points)
+    return *_with_nodes(mesh, surface, edges[divided], there[divided], least), served
 
 
 def _edges_at(surface: SimplexMesh, targets: _Targets, is_straight: BoolArray) -> IntArray:
@@ -454,21 +460,21 @@ def _edges_at(surface: SimplexMesh, targets: _Targets, is_straight: BoolArray) -
 
 
 def _with_nodes(
-    mesh: SimplexMesh, edges: IntArray, there: FloatArray, least: float | None = None
-) -> SimplexMesh:
-    """Return the mesh with some of the edges divided, with nodes at the given points.
+    mesh: SimplexMesh, surface: SimplexMesh, edges: IntArray, there: FloatArray, least: float
+) -> tuple[SimplexMesh, SimplexMesh]:
+    """Return a mesh and its facets with some edges of these divided, with nodes at given points.
 
     An edge is not divided if a node there, even halfway, would spoil cells: their quality falls
-    below ``least``, by default `tuning.LEAST_QUALITY`.
+    below ``least``.
     """
-    least = tuning.LEAST_QUALITY if least is None else least
     if not len(edges):
-        return mesh
+        return mesh, surface
     near = marked(edges, mesh.n_points)[mesh.cells].sum(axis=1) > 1
     part, nodes = cut_out(mesh.points, mesh.cells[near])
     while len(edges):
-        split, new, which = _bisected(part, places_among(nodes, mesh.n_points)[edges])
+        split, which, _ = bisect_edges(part, places_among(nodes, mesh.n_points)[edges])
         points, start = split.points.copy(), split.points
+        new = part.n_points + np.arange(len(which))
         kept = np.minimum(worst_of_nodes(start, split.cells), least)
         moved = np.zeros(len(new), np.bool_)
         for share in (1.0, 0.5):
@@ -478,25 +484,19 @@ def _with_nodes(
             moved = (points[new] != start[new]).any(axis=1)
         edges, there = edges[which[moved]], points[new[moved]]
         if moved.all():
-            split, new, which = _bisected(mesh, edges)
-            points = split.points.copy()
-            points[new] = there[which]
-            return replace(split, points=points)
-    return mesh
+            return _bisected(mesh, surface, edges, there)
+    return mesh, surface
 
 
-def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IndexArray, IndexArray]:
-    """Return the mesh with edges divided, the new nodes, and which edges they are on.
-
-    Of edges of one cell, the longest is divided.
-    """
-    factors = np.array([mesh.n_points, 1])
-    keys = np.sort(edges, axis=1).astype(np.int64) @ factors
-    which = np.full(len(mesh.edges), -1)
-    which[np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)] = np.arange(len(edges))
-    split = bisect_edges(mesh, which >= 0)
-    new = mesh.n_points + np.arange(len(split.split_edges))
-    return split.mesh, new, which[split.split_edges]
+def _bisected(
+    mesh: SimplexMesh, surface: SimplexMesh, edges: IntArray, there: FloatArray
+) -> tuple[SimplexMesh, SimplexMesh]:
+    """Return a mesh and its facets with nodes at given points on edges, of each cell on one."""
+    split, which, _ = bisect_edges(mesh, edges)
+    points = split.points.copy()
+    points[mesh.n_points :] = there[which]
+    new = replace(split, points=points)
+    return new, new if surface is mesh else bisect_edges(surface, edges).mesh.moved(new.points)
 
 
 def _pull(
@@ -528,7 +528,7 @@ def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> Simplex
         edges, middles = borders.edges_off(surface, limit)
         if not len(nodes) and not len(edges):
             break
-        mesh = _with_nodes(mesh, edges, middles, least)
+        mesh = _with_nodes(mesh, surface, edges, middles, least)[0]
     return mesh
 
 

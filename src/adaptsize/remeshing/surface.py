@@ -120,8 +120,9 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
         )
         if not long.any():
             break
-        split = bisect_edges(mesh, long)
-        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)[0]
+        chosen = mesh.edges[long]
+        split = bisect_edges(mesh, chosen)
+        kept = halved_edges(kept, chosen[split.split], mesh.n_points)[0]
         mesh = split.mesh
         surface = facets_of(mesh)
     return mesh, _ridges(surface, kept, size)

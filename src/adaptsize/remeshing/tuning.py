@@ -297,9 +297,9 @@ GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangl
 #: below 15 degrees and a scan 3; with 15.5, none, as on 17 meshes of 11 parts.  With larger
 #: ones, edges of boxes lost what a later loop then missed, for cells that were no worse than usual.
 LAST_GOAL: Mapping[str, float] = {"tetrahedra": 15.5, "surface": 10.0}
-#: Up to so many bad cells, sizes are evaluated only within so many sizes, or half diameters, of
-#: each.  The repair of a cell goes about three edges far: the meshes of 19 cycles are the same.
-FEW_BAD_CELLS, REACH_OF_REPAIR = 20, 10.0
+#: Rings of cells around the bad ones in which a repair knows sizes and the given boundary.  The
+#: repair of a cell goes about three edges far.
+RINGS_OF_REPAIR = 5
 #: Angle in degrees by which a feature edge turns at a corner.
 TURN_AT_CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
