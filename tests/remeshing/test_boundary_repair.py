@@ -309,7 +309,9 @@ def test_collapses_that_are_allowed_change_no_topology(case):
         "ball": lambda: positive(*_random_cells(40, 61)),
         "surface": lambda: tube(5),
     }[case]()
-    follower = boundary_repair.Follower(*2 * [in_space(mesh.points)], 0.1, np.ones(mesh.n_points, np.bool_))
+    follower = boundary_repair.Follower(
+        *2 * [in_space(mesh.points)], 0.1, np.ones(mesh.n_points, np.bool_)
+    )
     sizes = np.ones(mesh.n_points)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
     work = new_work(len(local.points), len(local.angle))

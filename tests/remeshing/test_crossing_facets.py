@@ -26,11 +26,14 @@ def unjoined(monkeypatch):
     monkeypatch.setattr("adaptsize.geometry.solid._SAME", -1.0)
 
 
-def test_tetrahedra_are_inside_with_most_of_their_points():
+def test_tetrahedra_are_inside_with_most_of_their_points_near_the_surface():
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     several = corners + np.array([-2.0, -0.4, -0.1, 0.3])[:, None, None] * [1.0, 0.0, 0.0]
-    is_in = mostly_inside(several, lambda points: points[:, 0] > 0.0)
-    assert is_in.tolist() == [False, False, True, True]
+    is_in = lambda points: (points[:, 0] > 0.0) & (np.abs(points[:, 0] - 0.15) > 1e-3)  # noqa: E731
+    beside_centroid = [False, False, True, True]
+    near = np.array([True, False, True, False])
+    assert mostly_inside(several, is_in, near).tolist() == beside_centroid
+    assert mostly_inside(several, is_in, ~near).tolist() == [False, False, False, True]
 
 
 @pytest.mark.usefixtures("unjoined")

@@ -152,7 +152,9 @@ def test_nodes_are_put_back_if_they_are_off_by_more_than_half_of_the_tolerance()
 def same_facets(one, other):
     """Whether the facets are the same, in any order, with the same groups."""
     rows = [np.column_stack([np.sort(x.cells, axis=1), x.cell_tags]) for x in (one, other)]
-    return np.array_equal(*(x[np.lexsort(x.T)] for x in rows)) and np.array_equal(one.points, other.points)
+    return np.array_equal(*(x[np.lexsort(x.T)] for x in rows)) and np.array_equal(
+        one.points, other.points
+    )
 
 
 def with_meshes(old, limit, found):

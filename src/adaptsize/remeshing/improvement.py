@@ -252,6 +252,13 @@ class _Step(NamedTuple):
         """Return a mesh before any step."""
         return cls(mesh, _Far.of(facets_of(mesh), old, limit), np.empty(0))
 
+    @property
+    def crossed(self) -> BoolArray:
+        """Which facets in space cross others."""
+        surface = self.far.surface
+        crossing = crossing_facets(surface).cells if surface.dim == 3 else np.empty(0, np.intp)
+        return marked(crossing, surface.n_cells)
+
     def with_mesh(
         self, mesh: SimplexMesh, surface: SimplexMesh, old: SimplexMesh, limit: float
     ) -> "_Step":
@@ -272,8 +279,14 @@ def _in_rounds(
     they are.  These are where a round has spoiled cells or made facets cross, which is not kept.  A
     round that brings little nearer is the last one with its quality.
     """
-    first = _Step.first(mesh, old, tuning.AIM * tolerance)
-    best = made(first, tuning.LEAST_QUALITY, spoiled := _Balls.none(mesh.dim))
+    first = best = _Step.first(mesh, old, tuning.AIM * tolerance)
+    spoiled, may_cross = _Balls.none(mesh.dim), bool(first.crossed.any())
+    for _ in range(tuning.FIRST_ROUNDS):
+        now = made(first, tuning.LEAST_QUALITY, spoiled)
+        if may_cross or not now.crossed.any():
+            best = now
+            break
+        spoiled = spoiled.and_also(_Balls.around(now.far.surface, now.crossed))
     later = list(tuning.LATER_QUALITIES)
     hopeless = max(tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.far.largest)
     if best.far.largest > hopeless and best.far.are_few(tolerance):
@@ -282,7 +295,6 @@ def _in_rounds(
             return best.mesh
         if best.far.largest > tuning.LOST_FOR_GOOD * tolerance:
             return best.mesh
-    are_crossed = mesh.dim == 3 and len(crossing_facets(best.far.surface).cells) > 0
     for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.
         if not later or not best.far.are_few(tolerance):
@@ -292,11 +304,8 @@ def _in_rounds(
             del later[0]
             continue
         least = tuning.LITTLE_FLATTER * float(minimum_angles(best.mesh).min())
-        flat = minimum_angles(now.mesh) < min(tuning.FLAT_ANGLE, least)
-        crossed = np.zeros(now.far.surface.n_cells, np.bool_)
-        if mesh.dim == 3 and not are_crossed:
-            crossed[crossing_facets(now.far.surface).cells] = True
-        if flat.any() or crossed.any():
+        flat, crossed = minimum_angles(now.mesh) < min(tuning.FLAT_ANGLE, least), now.crossed
+        if flat.any() or (crossed.any() and not may_cross):
             spoiled = spoiled.and_also(_Balls.around(now.mesh, flat))
             spoiled = spoiled.and_also(_Balls.around(now.far.surface, crossed))
             continue

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from adaptsize._progress import Stage
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Task
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.isolation import IsolatedRunner
@@ -70,7 +70,11 @@ class TetWildBackend(Backend):
         if options["filtered"]:
             return made
         if enclosing is not None:
-            is_in = mostly_inside(made["points"][made["cells"]], enclosing.contains)
+            corners = made["points"][made["cells"]]
+            off = mesh.locator.nearest(corners.mean(axis=1))[2]
+            # The sides of cells are as near to the surface as this.
+            is_near = off <= tuning.BESIDE_ENVELOPE * problem.tolerance
+            is_in = mostly_inside(corners, enclosing.contains, is_near)
             return {**made, "cells": made["cells"][is_in]}
         # Interfaces would disturb the winding number that separates inside from outside.  Instead,
         # the cells whose centroids lie in the old mesh are kept.
@@ -79,14 +83,20 @@ class TetWildBackend(Backend):
 
 
 def mostly_inside(
-    corners: FloatArray, contains: Callable[[FloatArray], npt.NDArray[np.bool_]]
-) -> npt.NDArray[np.bool_]:
-    """Return which tetrahedra, float64[n, 4, 3], have most of some points in them inside."""
+    corners: FloatArray, contains: Callable[[FloatArray], BoolArray], is_near: BoolArray
+) -> BoolArray:
+    """Return which tetrahedra, float64[n, 4, 3], have their centroids inside.
+
+    Of those near to the surface, which have most of some points in them inside.
+    """
+    is_in = np.empty(len(corners), np.bool_)
+    is_in[~is_near] = contains(corners[~is_near].mean(axis=1))
     # The centroid, and points towards the corners and towards the facets.
     weights = np.concatenate([np.full((1, 4), 0.25), 0.1 + 0.6 * np.eye(4), 0.3 - 0.2 * np.eye(4)])
-    points = np.einsum("kc,ncd->nkd", weights, corners)
-    inside = contains(points.reshape(-1, 3)).reshape(len(corners), len(weights))
-    return np.asarray(2 * inside.sum(axis=1) > len(weights))
+    points = np.einsum("kc,ncd->nkd", weights, corners[is_near])
+    inside = contains(points.reshape(-1, 3)).reshape(-1, len(weights))
+    is_in[is_near] = 2 * inside.sum(axis=1) > len(weights)
+    return is_in
 
 
 def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:

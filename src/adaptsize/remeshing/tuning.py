@@ -119,6 +119,9 @@ EDGE_LENGTH = 0.05
 #: coarsening is enabled.  Coarsening may leave the envelope: one part deviated by 4.5e-3 of the
 #: diagonal instead of 6e-4.  Therefore it is enabled only where it is needed.
 COARSENED = 1.0 / 12.0
+#: Tolerances within which the centroid of a cell may be on the wrong side of a surface whose facets
+#: cross: that of the faces of cells, and as much again.
+BESIDE_ENVELOPE = 2.0
 
 #: Energy of the worst cell at which fTetWild ends: its default, and on a surface that was rough.
 #: Beside sharp edges that are closer than the sizes, the worst cell of a thread stayed above 50 for
@@ -262,6 +265,8 @@ LATER_QUALITIES = (0.05, 0.01, 0.002)
 #: Angle in degrees of cells of the quality 1 in these rounds, where nodes are inserted in facets.
 #: Half and double: not measured.
 ANGLE_OF_QUALITY = 200.0
+#: First rounds at most, each without the places around facets that cross after the ones before.
+FIRST_ROUNDS = 3
 #: Later rounds at most.
 MOST_LATER_ROUNDS = 12
 #: A round that leaves more than this share of what is beyond the tolerance is the last one with its
