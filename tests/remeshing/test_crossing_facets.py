@@ -37,6 +37,15 @@ def test_tetrahedra_are_inside_with_most_of_their_points_near_the_surface():
 
 
 @pytest.mark.usefixtures("unjoined")
+def test_parts_of_a_union_that_is_not_joined_share_nodes_and_edges():
+    skin, joined_area = Solid(BODIES).skin, 12.0 - 2.0 * (0.5 * 0.8 + 0.5 * 0.7 + 0.8 * 0.7)
+    assert not skin.is_closed
+    assert len(np.unique(skin.points, axis=0)) == skin.n_points
+    assert (skin.facet_cell_counts == 2).mean() > 0.4
+    assert skin.measures.sum() == pytest.approx(joined_area)
+
+
+@pytest.mark.usefixtures("unjoined")
 def test_fills_the_union_that_the_given_surface_encloses(monkeypatch):
     pytest.importorskip("pytetwild")
     given, call = [], IsolatedRunner.__call__

@@ -212,6 +212,10 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     )
     assert run(flat, beside, high) is high  # neither are facets that cross
     assert [n > 0 for _, n in asked] == [False, False, True]
+    assert run(beside, high) is high  # nor in the first round
+    assert [(least, n > 0) for least, n in asked] == [(0.2, False), (0.2, True)]
+    assert run(beside, beside, beside, high) is high  # which may be left out
+    assert [least for least, _ in asked] == [0.2, 0.2, 0.2, 0.05]
     slightly = with_tip(flat, corners, 0.0015)
     assert run(flat, slightly, high) is high  # so little nearer that lower qualities are next
     assert [least for least, _ in asked] == [0.2, 0.05, 0.01]
