@@ -217,7 +217,7 @@ def bisect_edges(mesh: SimplexMesh, edges: IntArray) -> BisectedMesh:
 
     Of the chosen edges, those are split that are longest in all of their cells, so that no cell is
     divided twice.  Chosen edges that remain can be split by further calls.  If they are few, this
-    takes much less time than the edges of the mesh.
+    takes much less time than finding the edges of the mesh.
 
     Parameters
     ----------
