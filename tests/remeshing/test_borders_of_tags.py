@@ -107,11 +107,23 @@ def test_nodes_at_which_a_line_turns_stay_and_others_are_put_onto_it():
     at = skin.points[nodes]
     assert len(nodes) == 4 * n
     edges = np.full((len(nodes), 2), -1, np.int32)
-    there, may = Borders(given, given).kept_on(skin, nodes, edges, at + 0.05 * np.eye(3)[2])
+    there, may = Borders(given, given).kept_on(skin, nodes, edges, at + 0.05 * np.eye(3)[2], 0.01)
     is_turn = np.isin(at[:, :2], [0.0, 1.0]).all(axis=1)
     assert is_turn.sum() == 4
     np.testing.assert_array_equal(may, ~is_turn)
     np.testing.assert_allclose(there[may], at[may], atol=1e-12)
+
+
+def test_a_node_does_not_move_along_a_curved_line_until_an_edge_there_is_too_far_away():
+    given, mesh = column(16, RISES["slanted"]), column(8, RISES["slanted"])
+    borders, skin, line = Borders(given, mesh), facets_of(mesh), border(mesh)
+    edge = line.cells[np.argmin(np.abs(line.points[line.cells].mean(axis=1) - [1, 0, 0.25]).sum(1))]
+    start, end = skin.points[edge]
+    none = np.full((1, 2), -1, np.int32)
+    for share, limit, is_allowed in ((0.1, 0.005, True), (0.9, 0.005, False), (0.9, 0.1, True)):
+        there = (start + share * (end - start))[None]
+        may = borders.kept_on(skin, edge[:1], none, there, limit)[1]
+        assert may.tolist() == [is_allowed]
 
 
 def test_lines_of_a_surface_have_their_own_tags_and_are_compared_by_them():

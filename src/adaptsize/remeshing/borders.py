@@ -65,6 +65,15 @@ class BorderLines(NamedTuple):
         np.maximum.at(longest, self.edges, self.lengths(points)[:, None])
         return longest
 
+    def at_nodes(self, nodes: IntArray) -> tuple[LongArray, LongArray]:
+        """Return the edges at some nodes: for each, the place of the node in these, and its row."""
+        order = np.argsort(self.edges.ravel(), kind="stable")
+        ends = self.edges.ravel()[order]
+        first, last = (np.searchsorted(ends, nodes, side=side) for side in ("left", "right"))
+        which = np.repeat(np.arange(len(nodes)), last - first)
+        at = np.arange(len(which)) - np.repeat(np.cumsum(last - first) - last, last - first)
+        return which, np.asarray(order[at] // self.edges.shape[1])
+
     def rows_of(self, edges: IntArray) -> LongArray:
         """Return the places of edges, given by sorted nodes, among these; or -1."""
         if not len(self.edges):
@@ -157,13 +166,9 @@ class Borders:
         lines = self._lines_of(surface)
         if not len(lines.edges) or not self.are_any:
             return there, np.full(len(there), np.inf)
-        order = np.argsort(lines.edges.ravel(), kind="stable")
-        ends = lines.edges.ravel()[order]
-        first, last = (np.searchsorted(ends, nodes, side=side) for side in ("left", "right"))
-        which = np.repeat(np.arange(len(nodes)), last - first)
-        at = np.arange(len(which)) - np.repeat(np.cumsum(last - first) - last, last - first)
-        kinds = lines.kinds[order[at] // lines.edges.shape[1]]
-        return self._nearest(there, which, kinds, lines.longest_at_nodes(surface.points)[nodes])
+        which, rows = lines.at_nodes(nodes)
+        reach = lines.longest_at_nodes(surface.points)[nodes]
+        return self._nearest(there, which, lines.kinds[rows], reach)
 
     def nodes_off(self, surface: SimplexMesh, limit: float) -> tuple[IntArray, FloatArray]:
         """Return the nodes on borders that are farther away than a limit, and their places."""
@@ -178,18 +183,54 @@ class Borders:
         if lines.edges.shape[1] != 2 or not self.are_any or not len(lines.edges):
             return np.empty((0, 2), np.int32), np.empty((0, surface.dim))
         one, other = np.moveaxis(surface.points[lines.edges], 1, 0)
-        every, reach = np.arange(len(lines.edges)), lines.lengths(surface.points)
-        found = [
-            self._nearest((1.0 - t) * one + t * other, every, lines.kinds, reach)
-            for t in (0.0, 0.25, 0.5, 0.75, 1.0)
-        ]
-        away = np.array([distance for _, distance in found])
+        middles, away = self._along(one, other, lines.kinds)
         far = (np.maximum(away[0], away[-1]) <= limit) & (away.max(axis=0) > limit)
         far &= np.isfinite(away[2])
-        return lines.edges[far], found[2][0][far]
+        return lines.edges[far], middles[far]
+
+    def _along(
+        self, one: FloatArray, other: FloatArray, kinds: LongArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the points closest to the middles of edges, and distances at their quarters.
+
+        The latter have a row for each quarter, with both ends.
+        """
+        every, reach = np.arange(len(one)), np.linalg.norm(other - one, axis=1)
+        found = [
+            self._nearest((1.0 - t) * one + t * other, every, kinds, reach)
+            for t in (0.0, 0.25, 0.5, 0.75, 1.0)
+        ]
+        return found[2][0], np.array([distance for _, distance in found])
+
+    def _keep_edges(
+        self,
+        surface: SimplexMesh,
+        lines: BorderLines,
+        nodes: IntArray,
+        there: FloatArray,
+        limit: float,
+    ) -> BoolArray:
+        """Return which nodes, moved to places on borders, leave the edges there near to these."""
+        keep = np.ones(len(nodes), np.bool_)
+        if lines.edges.shape[1] != 2 or not len(nodes):
+            return keep
+        which, rows = lines.at_nodes(nodes)
+        here = nodes[which]
+        other = surface.points[lines.edges[rows].sum(axis=1) - here]
+        before, after = (
+            self._along(one, other, lines.kinds[rows])[1].max(axis=0)
+            for one in (surface.points[here], there[which])
+        )
+        keep[which[after > np.maximum(limit, before)]] = False
+        return keep
 
     def kept_on(
-        self, surface: SimplexMesh, nodes: IntArray, edges: IntArray, there: FloatArray
+        self,
+        surface: SimplexMesh,
+        nodes: IntArray,
+        edges: IntArray,
+        there: FloatArray,
+        limit: float,
     ) -> tuple[FloatArray, BoolArray]:
         """Return places at which nodes stay on borders, and which may be served.
 
@@ -202,6 +243,8 @@ class Borders:
         edges : int32[n, 2]
             The edge to divide instead.
         there : float64[n, dim]
+        limit : float
+            Distance of edges on borders, beyond which no move of a node brings them.
         """
         lines, new, may = self._lines_of(surface), there.copy(), np.ones(len(there), np.bool_)
         if not len(lines.edges):
@@ -210,6 +253,7 @@ class Borders:
         is_bound = moved & np.isin(nodes, lines.edges)
         new[is_bound], distance = self.nearest_of_nodes(surface, nodes[is_bound], there[is_bound])
         may[is_bound] = np.isfinite(distance) & ~staying(surface, lines)[nodes[is_bound]]
+        may[is_bound] &= self._keep_edges(surface, lines, nodes[is_bound], new[is_bound], limit)
         if lines.edges.shape[1] == 2:
             row = np.where(moved, -1, lines.rows_of(edges))
             is_cut, row = row >= 0, row[row >= 0]

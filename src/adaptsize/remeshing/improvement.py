@@ -384,7 +384,7 @@ def _step(
 
     ``is_straight``: which edges of its facets are not divided.
     """
-    mesh, surface, served = _with_targets(now, targets, borders, is_straight, least)
+    mesh, surface, served = _with_targets(now, targets, borders, is_straight, limit, least)
     if mesh is now.mesh:
         return now._replace(gain=np.full(len(served), -np.inf))
     step = now.with_mesh(mesh, surface, old, limit)
@@ -422,7 +422,12 @@ def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _with_targets(
-    now: _Step, targets: _Targets, borders: Borders, is_straight: BoolArray, least: float
+    now: _Step,
+    targets: _Targets,
+    borders: Borders,
+    is_straight: BoolArray,
+    limit: float,
+    least: float,
 ) -> tuple[SimplexMesh, SimplexMesh, BoolArray]:
     """Return the mesh with nodes at targets, or halfway; its facets; and for which it has these.
 
@@ -435,7 +440,8 @@ def _with_targets(
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
         edges = _edges_at(surface, targets, is_straight)
-    there, may = borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
+    to_move = np.where(is_corner, nodes, -1)
+    there, may = borders.kept_on(surface, to_move, edges, there, limit)
     is_taken, served = np.zeros(mesh.n_points, np.bool_), np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
