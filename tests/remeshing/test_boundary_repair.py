@@ -495,20 +495,26 @@ def test_sizes_are_evaluated_near_bad_cells_only(monkeypatch):
 def test_a_repair_with_samples_near_bad_cells_is_that_of_the_whole_mesh(seed, monkeypatch):
     given = block(18)
     mesh = with_details(given, seed, 2e-4)
-    bad = angles_of(mesh) < tuning.GOAL["tetrahedra"]
-    asked, of_follower = [], boundary_repair.Follower.sampled
+    counts, near, of_follower = [], [], boundary_repair.Follower.sampled
 
     def sampled(self, *args):
-        asked.append(len((found := of_follower(self, *args))[1].at))
+        found = of_follower(self, *args)
+        counts.append(len(found[1].at))
+        near.append(self.near)
         return found
 
     monkeypatch.setattr(boundary_repair.Follower, "sampled", sampled)
     new = repaired(mesh, given, 0.01)
-    near, asked[:] = sum(asked), []
-    assert bad.any()
+    n_near, counts[:] = sum(counts), []
     assert angles_of(new).min() > angles_of(mesh).min()
+    before, after = facets_of(mesh), facets_of(new)
+    places = {tuple(map(tuple, np.sort(corners, axis=0))) for corners in after.points[after.cells]}
+    corners = np.sort(before.points[before.cells], axis=1)
+    is_gone = np.array([tuple(map(tuple, one)) not in places for one in corners])
+    assert is_gone.any()
+    assert near[0][before.cells[is_gone]].all()  # facets that are replaced have samples
     monkeypatch.setattr(tuning, "RINGS_OF_REPAIR", 100)
     same = repaired(mesh, given, 0.01)
-    assert near < 0.9 * sum(asked)
+    assert n_near < 0.9 * sum(counts)
     np.testing.assert_array_equal(same.points, new.points)
     np.testing.assert_array_equal(same.cells, new.cells)

@@ -29,11 +29,14 @@ def unjoined(monkeypatch):
 def test_tetrahedra_are_inside_with_most_of_their_points_near_the_surface():
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     several = corners + np.array([-2.0, -0.4, -0.1, 0.3])[:, None, None] * [1.0, 0.0, 0.0]
-    is_in = lambda points: (points[:, 0] > 0.0) & (np.abs(points[:, 0] - 0.15) > 1e-3)  # noqa: E731
-    beside_centroid = [False, False, True, True]
+
+    def contains(points):
+        """Whether x > 0, but for the plane in which the centroid of the third one is."""
+        return (points[:, 0] > 0.0) & (np.abs(points[:, 0] - 0.15) > 1e-3)
+
     near = np.array([True, False, True, False])
-    assert mostly_inside(several, is_in, near).tolist() == beside_centroid
-    assert mostly_inside(several, is_in, ~near).tolist() == [False, False, False, True]
+    assert mostly_inside(several, contains, near).tolist() == [False, False, True, True]
+    assert mostly_inside(several, contains, ~near).tolist() == [False, False, False, True]
 
 
 @pytest.mark.usefixtures("unjoined")

@@ -67,13 +67,16 @@ class _Around(NamedTuple):
 
     @classmethod
     def of(cls, corners: FloatArray, tolerance: float) -> "_Around":
-        """Return what is nearest to simplices, if not farther than what is lost for good."""
+        """Return where the points are that are nearest to simplices, given by their corners.
+
+        Points so far away that they are lost for good are left out.
+        """
         middles = corners.mean(axis=1)
         radius = float(np.linalg.norm(corners - middles[:, None], axis=2).max())
         return cls(cKDTree(middles), radius + tuning.LOST_FOR_GOOD * tolerance)
 
     def have(self, points: FloatArray, radius: FloatArray | float = 0.0) -> BoolArray:
-        """Return which balls around points reach there."""
+        """Return which points are there, or which balls of given radii around them reach there."""
         return np.asarray(self.tree.query(points)[0] <= self.reach + radius)
 
 

@@ -304,8 +304,8 @@ GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangl
 #: ones, edges of boxes lost what a later loop then missed, for cells that were no worse than usual.
 LAST_GOAL: Mapping[str, float] = {"tetrahedra": 15.5, "surface": 10.0}
 #: Rings of cells around the bad ones in which a repair knows sizes and the given boundary.  The
-#: repair of a cell goes about three edges far: a thread of 41 000 cells, a block and a plane mesh
-#: are repaired as with a hundred rings.
+#: repair of a cell goes about three edges far: a thread and a public part of 41 000 cells are
+#: repaired as with a hundred rings.  With one to three rings, the part still is; with none, not.
 RINGS_OF_REPAIR = 5
 #: Angle in degrees by which a feature edge turns at a corner.
 TURN_AT_CORNER = 40.0
